@@ -47,12 +47,12 @@ for name in (
 
 
 HERE = Path(__file__).parent
-_FOLDERS_OF_RUNS = {HERE / each for each in ("docs", "end_to_end", "report/browser", "serve")}
+_FOLDERS_OF_RUNS = {HERE / text for text in ("docs", "end_to_end", "report/browser", "serve")}
 # Whole runs, examples of pages, every option of every command, or minutes at a terminal: what tests of single parts
 # have shown, once more and at length.
 _ONLY_IN_CI = {
-    HERE / f"{each}.py"
-    for each in (
+    HERE / f"{text}.py"
+    for text in (
         "boards/test_calibrate_at_a_terminal",
         "boards/test_operator_at_a_terminal",
         "boards/test_timing_measure",
@@ -85,11 +85,11 @@ _ONLY_IN_CI = {
         "end_to_end/test_wrong_firmware",
         "firmware/test_calibrators_of_ones_own",
         "mutation/test_mutations",
-        "record/test_killed_at_every_step",
-        "runs/test_advice_for_a_campaign",
-        "runs/test_bisect",
-        "runs/test_campaign",
-        "runs/test_campaign_summary",
+        "run_record/test_killed_at_every_step",
+        "campaigns/test_advice_for_a_campaign",
+        "campaigns/test_bisect",
+        "campaigns/test_campaign",
+        "campaigns/test_campaign_summary",
         "serve/test_clients",
         "serve/test_ending",
         "serve/test_main_job",
@@ -110,6 +110,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Of those that only CI runs, leave those out that are not of the part that the environment asks for, as ``2/4``.
     """
+    if moved := [str(path) for path in sorted(_ONLY_IN_CI) if not path.exists()]:
+        raise pytest.UsageError(f"tests/conftest.py: _ONLY_IN_CI names files that do not exist: {', '.join(moved)}")
     for item in items:
         if _FIXTURES_THAT_RUN.intersection(item.fixturenames) or _FOLDERS_OF_RUNS.intersection(item.path.parents):
             item.add_marker("slow")
@@ -130,7 +132,7 @@ _running: list[pytest.Item] = []
 
 def _no_run_without_the_mark(event: str, arguments: tuple[Any, ...]) -> None:
     if event == "subprocess.Popen" and _running and not _running[0].get_closest_marker("slow"):
-        command = [str(each) for each in arguments[1]] if isinstance(arguments[1], list | tuple) else []
+        command = [str(item) for item in arguments[1]] if isinstance(arguments[1], list | tuple) else []
         if command[1:3] in (["-m", "hiltest"], ["-m", "pytest"]):
             raise RuntimeError(f"a test that starts {' '.join(command[1:3])} is marked slow")
 
@@ -177,8 +179,8 @@ def _runs_without_hypothesis() -> None:
 
     Not sooner, or the workers of pytest-xdist would be without it too.
     """
-    given = os.environ.get("PYTEST_ADDOPTS", "")
-    os.environ["PYTEST_ADDOPTS"] = f"{given} -p no:hypothesispytest".strip()
+    arguments = os.environ.get("PYTEST_ADDOPTS", "")
+    os.environ["PYTEST_ADDOPTS"] = f"{arguments} -p no:hypothesispytest".strip()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -200,7 +202,7 @@ def _every_record_is_valid(tmp_path_factory: pytest.TempPathFactory, shared_fold
     validator = Draft202012Validator(json_schema("hiltest.run/1"))
     for path in records:
         content = json.loads(path.read_text(encoding="utf-8"))
-        assert [f"{path}: {each.json_path}: {each.message}" for each in validator.iter_errors(content)] == []
+        assert [f"{path}: {error.json_path}: {error.message}" for error in validator.iter_errors(content)] == []
         read_record(path)
 
 

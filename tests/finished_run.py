@@ -32,7 +32,7 @@ class Finished:
 
     @property
     def measured(self) -> dict[str, dict[str, Any]]:
-        return {each["name"]: each for each in self.record["measurements"]}
+        return {measurement["name"]: measurement for measurement in self.record["measurements"]}
 
     def value(self, name: str) -> float:
         return float(self.measured[name]["value"])
@@ -67,14 +67,14 @@ def run_hiltest(folder: Path, *arguments: str) -> Finished:
 def run_once(folder: Path) -> Finished:
     """Run the main job on the default bench, or read what the process that came first has kept of it."""
     folder.mkdir(exist_ok=True)
-    kept = folder / "finished.json"
+    stored = folder / "finished.json"
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if not kept.exists():
+        if not stored.exists():
             (folder / "bench").mkdir(exist_ok=True)
             done = run_hiltest(folder / "bench")
-            kept.write_text(json.dumps([done.code, done.output, done.errors]), encoding="utf-8")
-    code, output, errors = json.loads(kept.read_text(encoding="utf-8"))
+            stored.write_text(json.dumps([done.code, done.output, done.errors]), encoding="utf-8")
+    code, output, errors = json.loads(stored.read_text(encoding="utf-8"))
     return Finished(code, output, errors, folder / "bench" / "hil-out")
 
 

@@ -36,17 +36,17 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--inputs", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     failed = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         readers = every_reader(folder, _a_run(folder))
-        for name in given.names or NAMES:
-            inputs = max(20, round(given.inputs * readers[name].share))
+        for name in arguments.names or NAMES:
+            inputs = max(20, round(arguments.inputs * readers[name].share))
             work, counts = folder / name.replace(" ", "-"), mmap.mmap(-1, _TOTALS.size)
             work.mkdir()
             if (child := os.fork()) == 0:
-                _alone(readers[name], work, inputs, given.seed, counts)
+                _alone(readers[name], work, inputs, arguments.seed, counts)
             _, status = os.waitpid(child, 0)
             read, refused = _TOTALS.unpack(counts[:])
             print(f"{name}: {read} read, {refused} refused", flush=True)

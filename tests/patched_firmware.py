@@ -21,9 +21,9 @@ def patched(elf: Path, functions: Iterable[str], instructions: Sequence[int]) ->
             (symbol,) = image.get_section_by_name(".symtab").get_symbol_by_name(function)
             address = symbol["st_value"] & ~1
             (at,) = (
-                each["p_offset"] + address - each["p_vaddr"]
-                for each in image.iter_segments("PT_LOAD")
-                if each["p_vaddr"] <= address < each["p_vaddr"] + each["p_filesz"]
+                segment["p_offset"] + address - segment["p_vaddr"]
+                for segment in image.iter_segments("PT_LOAD")
+                if segment["p_vaddr"] <= address < segment["p_vaddr"] + segment["p_filesz"]
             )
             code = b"".join(instruction.to_bytes(2, "little") for instruction in instructions)
             content[at : at + len(code)] = code

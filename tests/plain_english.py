@@ -89,28 +89,34 @@ def sentences(text: str) -> Iterator[str]:
 
 
 def count_all() -> list[Count]:
-    """Return the counts over the package, the pages and their sources."""
+    """Return the counts over the package, its tests, the pages and their sources."""
     names = Count("names that are pronouns or participles", limit=0.001)
+    names_in_tests = Count("names in tests that are pronouns or participles", limit=0.0112)
     functions = Count("functions that are named by a preposition", limit=0.009)
-    what = Count("'what' among the words of pages and docstrings", limit=0.001)
+    word_what = Count("'what' among the words of pages and docstrings", limit=0.001)
     begun = Count("sentences that begin with Of, What, Where, Whether or None", limit=0.004)
 
     def read_text(text: str, place: str) -> None:
         words = re.findall(r"[A-Za-z']+", text.lower())
-        what.of_all += len(words)
-        what.places += [place] * words.count("what")
+        word_what.of_all += len(words)
+        word_what.places += [place] * words.count("what")
         for sentence in filter(None, sentences(text)):
             begun.of_all += 1
             if sentence.split()[0] in BEGINNINGS and not sentence.endswith("?"):
                 begun.places.append(f"{place}: {sentence[:80]}")
 
+    def read_names(tree: ast.AST, place: str, count: Count) -> None:
+        for name, line in assigned_names(tree):
+            count.of_all += 1
+            if name.strip("_") in PRONOUNS_AND_PARTICIPLES:
+                count.places.append(f"{place}:{line}: {name}")
+
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        read_names(ast.parse(path.read_text(encoding="utf-8")), str(path.relative_to(ROOT)), names_in_tests)
     for path in sorted((ROOT / "src/hiltest").rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         place = str(path.relative_to(ROOT))
-        for name, line in assigned_names(tree):
-            names.of_all += 1
-            if name.strip("_") in PRONOUNS_AND_PARTICIPLES:
-                names.places.append(f"{place}:{line}: {name}")
+        read_names(tree, place, names)
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef):
                 functions.of_all += 1
@@ -120,7 +126,7 @@ def count_all() -> list[Count]:
             read_text(text, f"{place}:{line}")
     for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]:
         read_text(path.read_text(encoding="utf-8"), str(path.relative_to(ROOT)))
-    return [names, functions, what, begun]
+    return [names, names_in_tests, functions, word_what, begun]
 
 
 def main() -> int:

@@ -64,9 +64,9 @@ class Line:
 
     def is_open(self) -> bool:
         """Say whether this process has the near end open to read and write, as a port is."""
-        for each in Path("/proc/self/fd").iterdir():
+        for path in Path("/proc/self/fd").iterdir():
             try:
-                if os.readlink(each) == self.name and fcntl.fcntl(int(each.name), fcntl.F_GETFL) & os.O_RDWR:
+                if os.readlink(path) == self.name and fcntl.fcntl(int(path.name), fcntl.F_GETFL) & os.O_RDWR:
                     return True
             except OSError:
                 continue  # closed since

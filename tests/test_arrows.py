@@ -58,13 +58,13 @@ def modules_under(folder: Path) -> dict[str, Path]:
 
     An installed package has a copy of hil/ in its folder "bench": suites, which nothing imports.
     """
-    found = {}
+    results = {}
     for path in sorted(folder.rglob("*.py")):
         if path.is_relative_to(folder / "bench"):
             continue
         parts = path.relative_to(folder.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+        results[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return results
 
 
 def imports_of(modules: dict[str, Path]) -> Iterator[Import]:
@@ -113,33 +113,33 @@ def complaints(folder: Path) -> list[str]:
     modules = modules_under(folder)
     rows, package = table(), folder.name
     packages = {unit(name) for name, path in modules.items() if name.count(".") > 1 or path.name == "__init__.py"}
-    found = [
-        f"package {each} has no row in the table: say what it may import"
-        for each in sorted(packages - rows.keys() - APPLICATION - {""})
+    results = [
+        f"package {item} has no row in the table: say what it may import"
+        for item in sorted(packages - rows.keys() - APPLICATION - {""})
     ]
     divided = {name.partition(".")[0] for name in rows if "." in name}
     rooms = {room(name) for name in modules if unit(name) in divided and name.count(".") > 1}
-    found += [f"room {name} has no row in the table: say what it may import" for name in sorted(rooms - rows.keys())]
+    results += [f"room {name} has no row in the table: say what it may import" for name in sorted(rooms - rows.keys())]
     runtime: dict[str, set[str]] = {name: set() for name in modules}
-    for each in imports_of(modules):
-        source = unit(each.source)
-        top = each.target.split(".")[0]
+    for item in imports_of(modules):
+        source = unit(item.source)
+        top = item.target.split(".")[0]
         if top == package:
-            if not each.for_types_only and each.target in modules:
-                runtime[each.source].add(each.target)
-            target = unit(each.target)
+            if not item.for_types_only and item.target in modules:
+                runtime[item.source].add(item.target)
+            target = unit(item.target)
             if source in rows and target not in rows[source] | {source, ""}:
-                found.append(f"{each}: {source} may import {' '.join(sorted(rows[source])) or 'nothing'}")
-            inner, inner_target = room(each.source), room(each.target)
+                results.append(f"{item}: {source} may import {' '.join(sorted(rows[source])) or 'nothing'}")
+            inner, inner_target = room(item.source), room(item.target)
             if "." in inner and inner in rows and source == target and inner_target not in rows[inner] | {inner}:
-                found.append(f"{each}: {inner} may import {' '.join(sorted(rows[inner])) or 'nothing'}")
+                results.append(f"{item}: {inner} may import {' '.join(sorted(rows[inner])) or 'nothing'}")
         elif source in PURE and top not in NUMERICAL | sys.stdlib_module_names:
-            found.append(f"{each}: {source} is pure, with {' and '.join(sorted(NUMERICAL))} at most")
+            results.append(f"{item}: {source} is pure, with {' and '.join(sorted(NUMERICAL))} at most")
     try:
         TopologicalSorter(runtime).prepare()
     except CycleError as error:
-        found.append(f"import cycle: {' <- '.join(error.args[1])}")
-    return found
+        results.append(f"import cycle: {' <- '.join(error.args[1])}")
+    return results
 
 
 def test_every_import_of_the_package_follows_the_table():
@@ -148,7 +148,7 @@ def test_every_import_of_the_package_follows_the_table():
 
 def test_the_walk_sees_the_package():
     modules = modules_under(Path(hiltest.__file__).parent)
-    arrows = {(each.source, each.target) for each in imports_of(modules)}
+    arrows = {(item.source, item.target) for item in imports_of(modules)}
     # At the top of a file, in a function, and for types only.
     assert ("hiltest.boards.bench", "hiltest.virtual.board.k64f") in arrows
     assert ("hiltest.rig.rig", "hiltest.world") in arrows
@@ -222,8 +222,8 @@ def test_a_tree_whose_arrows_are_right_has_no_complaint(tmp_path):
     ],
 )
 def test_a_turned_arrow_is_named_with_module_and_line(tmp_path, module, text, complaint):
-    found = complaints(tree(tmp_path, {module: text}))
-    assert any(complaint in each for each in found), found
+    result = complaints(tree(tmp_path, {module: text}))
+    assert any(complaint in item for item in result), result
 
 
 def test_a_cycle_within_a_package_is_found_and_one_for_types_is_none(tmp_path):

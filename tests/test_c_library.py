@@ -38,9 +38,9 @@ def test_a_library_of_another_source_is_not_loaded_and_a_new_one_is_in_the_same_
     source.write_text(TEXT % 2)
     assert loaded(library, [source]) == (None, f"{library} was built from another answer.c")
     assert compiled(library, [source]) == ""
-    found, reason = loaded(library, [source])
-    assert found is not None, reason
-    assert found.answer() == 2
+    result, reason = loaded(library, [source])
+    assert result is not None, reason
+    assert result.answer() == 2
 
 
 def test_a_source_that_does_not_compile_leaves_no_older_library(tmp_path: Path) -> None:
@@ -49,7 +49,7 @@ def test_a_source_that_does_not_compile_leaves_no_older_library(tmp_path: Path) 
     assert compiled(library, [source]) == ""
     source.write_text("int answer(")
     assert "the C compiler failed" in compiled(library, [source])
-    assert [each.name for each in tmp_path.iterdir()] == ["answer.c"]
+    assert [path.name for path in tmp_path.iterdir()] == ["answer.c"]
 
 
 def test_what_is_no_library_is_a_reason(tmp_path: Path) -> None:
@@ -57,8 +57,8 @@ def test_what_is_no_library_is_a_reason(tmp_path: Path) -> None:
     source.write_text(TEXT % 1)
     assert compiled(library, [source]) == ""
     library.write_bytes(b"no ELF file, but " + library.read_bytes()[64:])
-    found, reason = loaded(library, [source])
-    assert found is None
+    result, reason = loaded(library, [source])
+    assert result is None
     assert "cannot be loaded" in reason
 
 
@@ -111,10 +111,10 @@ def test_a_library_shows_only_the_functions_that_it_is_to_export(tmp_path: Path)
     source, library = tmp_path / "answer.c", tmp_path / "answer.so"
     source.write_text("int inner(int n) { return n + 1; }\nint answer_of(int n) { return inner(n); }\n")
     assert compiled(library, [source], exports="answer_*") == ""
-    found, reason = loaded(library, [source])
-    assert found is not None, reason
-    assert found.answer_of(1) == 2
-    assert not hasattr(found, "inner")
+    result, reason = loaded(library, [source])
+    assert result is not None, reason
+    assert result.answer_of(1) == 2
+    assert not hasattr(result, "inner")
 
 
 def test_a_library_with_an_undefined_function_is_not_built(tmp_path: Path) -> None:

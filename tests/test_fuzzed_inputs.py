@@ -63,7 +63,7 @@ INPUTS = int(os.environ.get("HILTEST_FUZZED", "20000"))
 BASELINES = Path(__file__).parents[1] / "hil" / "baselines"
 # What readers stumble over: ends, quotes, numbers that are none, words that mean something.
 TOKENS = (
-    *(bytes([each]) for each in b"\x7e\x7d\x00\xff\n\r\t,;\"'[]{}=:.-e0\\#GX$|<>"),
+    *(bytes([item]) for item in b"\x7e\x7d\x00\xff\n\r\t,;\"'[]{}=:.-e0\\#GX$|<>"),
     b"\x7d\x5e",
     b"nan",
     b"-inf",
@@ -141,12 +141,12 @@ class Reader:
 def _frames(data: bytes) -> None:
     """Decode a stream at once and byte by byte, which is the same; an intact frame is one that can be sent."""
     decoder, pieces = FrameDecoder(), FrameDecoder()
-    found = decoder.feed(data)
-    assert found == [item for at in range(len(data)) for item in pieces.feed(data[at : at + 1])]
-    for item in found:
-        assert isinstance(item, Frame | DamagedFrame)
-        if isinstance(item, Frame):
-            assert FrameDecoder().feed(encode_frame(item)) == [item]
+    feed = decoder.feed(data)
+    assert feed == [item for at in range(len(data)) for item in pieces.feed(data[at : at + 1])]
+    for packet in feed:
+        assert isinstance(packet, Frame | DamagedFrame)
+        if isinstance(packet, Frame):
+            assert FrameDecoder().feed(encode_frame(packet)) == [packet]
 
 
 def _unstuffed(data: bytes) -> None:
@@ -220,7 +220,9 @@ def _words(data: bytes) -> None:
 
 
 def _wires() -> list[bytes]:
-    return [encode_frame(Frame(each.code, number % 256, each.payload())) for number, each in enumerate(REQUESTS)]
+    return [
+        encode_frame(Frame(request.code, number % 256, request.payload())) for number, request in enumerate(REQUESTS)
+    ]
 
 
 def _proposed(path: Path) -> None:
@@ -258,10 +260,10 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         b"%.2f,0.%d,-%d,1e-3\n" % (n / 100, n % 9, n % 2) for n in range(300)
     )
     compass = default_firmware().with_name("compass-lines.elf")
-    rigs = [each.read_bytes() for each in sorted((shipped() / "rigs").glob("*.toml"))]
+    rigs = [path.read_bytes() for path in sorted((shipped() / "rigs").glob("*.toml"))]
     profiles = [shipped_profile.read_bytes() for shipped_profile in shipped_profiles().values()]
     replies = [bytes([number]) + bytes(size) for number in range(len(REQUESTS)) for size in (1, 2, 5, 17, 49, 62, 100)]
-    requests = [bytes([each.code]) + each.payload() for each in REQUESTS]
+    requests = [bytes([request.code]) + request.payload() for request in REQUESTS]
     wires = _wires()
     transcript = Transcript("virtual")
     for wire in wires:
@@ -279,14 +281,14 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "traces": Reader(_trace, (), [b"\x55".join(wires[n : n + 5]) for n in range(0, 25, 5)], 0.05),
         "G-code": Reader(_gcode, (GcodeError,), [b"G0 X45 Y-10", b"G1F60X1", b"G91G0Z-1.5", b"N4 G4 P0.5"], 0.05),
         "Grbl status": Reader(
-            lambda each: grbl._status(each.decode("ascii", errors="replace")),
+            lambda item: grbl._status(item.decode("ascii", errors="replace")),
             (),
             [b"<Idle|MPos:1.000,-2.5,0|FS:0,0>", b"<Hold:1|MPos:1,2,3,4|F:0>"],
             0.05,
         ),
         "options": Reader(_words, (), [b"4294967295", b"v1.2", b"hil-out/run.json"], 0.03),
         "arguments": Reader(
-            lambda each: parse_argument(each.decode("utf-8", errors="replace")),
+            lambda item: parse_argument(item.decode("utf-8", errors="replace")),
             config,
             [b"f32:1,2.5,-3", b"zeros:i16:40", b"text:123", b"0x1F", b"1e-3"],
             0.03,
@@ -303,7 +305,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
         "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),
         "baselines": Reader(
-            read_evidence, config, [each.read_bytes() for each in BASELINES.glob("*.json")] + [run], 0.0005, ".json"
+            read_evidence, config, [path.read_bytes() for path in BASELINES.glob("*.json")] + [run], 0.0005, ".json"
         ),
         "records": Reader(read_record, config, [run], 0.0005, ".json"),
         "calibration files": Reader(load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json"),
@@ -370,12 +372,12 @@ def test_every_input_is_read_or_refused_as_documented(
         dice = random.Random(f"{name} {number}")
         totals["inputs"] += 1
         data = mutated(dice, dice.choice(reader.corpus), reader.corpus)
-        given: bytes | Path = data
+        arguments: bytes | Path = data
         if reader.suffix is not None:
             path.write_bytes(data)
-            given = path
+            arguments = path
         try:
-            reader.read(given)
+            reader.read(arguments)
             totals[f"{name} read"] += 1
         except reader.refuses:
             totals[f"{name} refused"] += 1

@@ -86,7 +86,7 @@ class Cluster:
 
     def kill_one_with_work(self) -> None:
         """Kill the worker that has most pieces, begun, waiting, or done and not yet taken from it."""
-        found = self.asked(
+        result = self.asked(
             lambda client: client.run(
                 lambda dask_worker: (
                     sum(key.startswith("measure_block") for key in dask_worker.state.tasks),
@@ -94,7 +94,7 @@ class Cluster:
                 )
             )
         )
-        pieces, process = max(found.values())
+        pieces, process = max(result.values())
         assert pieces > 0
         os.kill(process, signal.SIGKILL)
 
@@ -233,11 +233,11 @@ class TestCluster:
                 progress=lambda _what, done, _of: shown.append(done),
                 asked_to_end=lambda: len(shown) > 5,
             )
-        kept = blocks_kept(tmp_path)
-        assert 5 <= len(kept) < BLOCKS
+        stored = blocks_kept(tmp_path)
+        assert 5 <= len(stored) < BLOCKS
         wait_until(lambda: cluster.tasks() == 0)
         run_study(PLAN, tmp_path, jobs=cluster.address, progress=lambda _what, done, of: shown.append(of))
-        assert shown[-1] == 60 * (BLOCKS - len(kept))
+        assert shown[-1] == 60 * (BLOCKS - len(stored))
         assert content(tmp_path) == whole
 
     def test_a_study_loses_and_doubles_nothing_when_a_worker_is_killed(
@@ -289,7 +289,7 @@ class TestCluster:
         try:
             wait_until(begun.exists)
             worker, process = map(int, begun.read_text(encoding="utf-8").split())
-            assert worker in {each.pid for each in cluster.workers}
+            assert worker in {worker.pid for worker in cluster.workers}
             os.kill(worker, signal.SIGKILL)
             os.kill(process, signal.SIGKILL)
             assert by_workers.wait(ENOUGH_S) == 0, capfd.readouterr()
@@ -304,8 +304,8 @@ class TestCluster:
         ]
         assert files[0] == files[1] > {f"seed-000{seed}/{RUN_FILE}" for seed in (1, 2)}
         for seed in (1, 2):
-            there, here = (read_record(tmp_path / name / f"seed-000{seed}").run for name in ("out", "here"))
-            assert (there.seed, there.rig, there.board) == (seed, here.rig, here.board)
+            target, place = (read_record(tmp_path / name / f"seed-000{seed}").run for name in ("out", "here"))
+            assert (target.seed, target.rig, target.board) == (seed, place.rig, place.board)
         wait_until(lambda: cluster.tasks() == 0)
 
     def test_what_is_done_is_kept_when_workers_die_over_a_seed_and_when_the_scheduler_is_lost(
@@ -334,9 +334,9 @@ class TestCluster:
             strict.has(2)
             words = ["--seeds", "1..2", "--rig", "hil/rigs/mine.toml", "--out", "out", "--jobs", strict.address]
             assert run("run", *words) == 20
-            said = capfd.readouterr()
-            assert "1 of 2 seeds finished; records in out/seed-0001" in said.out
-            assert "workers died over one piece" in said.err
+            output = capfd.readouterr()
+            assert "1 of 2 seeds finished; records in out/seed-0001" in output.out
+            assert "workers died over one piece" in output.err
             with pytest.raises(SchedulerError, match=r"it is gone .*same command goes on from there"):
                 run_study(
                     PLAN,
@@ -346,16 +346,16 @@ class TestCluster:
                 )
         finally:
             strict.end()
-        kept = blocks_kept(study)
-        assert len(set(kept)) == len(kept)
-        assert 3 <= len(kept) < BLOCKS
+        stored = blocks_kept(study)
+        assert len(set(stored)) == len(stored)
+        assert 3 <= len(stored) < BLOCKS
 
 
 class TestSentBench:
     """What goes to the workers."""
 
     @pytest.fixture(autouse=True)
-    def here(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    def path(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         """A bench beside files that are none of its own, in the folder of the command."""
         (folder := tmp_path / "mine").mkdir()
         bench(folder, "pass")
@@ -365,15 +365,15 @@ class TestSentBench:
         monkeypatch.chdir(folder)
         return folder
 
-    def test_it_has_what_the_bench_is_made_of_and_what_options_variables_and_the_rig_name(self, here: Path) -> None:
+    def test_it_has_what_the_bench_is_made_of_and_what_options_variables_and_the_rig_name(self, path: Path) -> None:
         options = ["--hil-firmware=given.elf", "--hil-rig=mine", "-q", "hil/suites/test_mine.py::test_mine"]
-        environment = {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out", "HOME": str(here.parent)}
+        environment = {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out", "HOME": str(path.parent)}
         sent = sent_bench(options, environment)
         with ZipFile(BytesIO(sent.files)) as archive:
             names = {
-                str(Path("/", each).relative_to(here.parent))
-                for each in archive.namelist()
-                if Path("/", each).is_relative_to(here.parent)
+                str(Path("/", item).relative_to(path.parent))
+                for item in archive.namelist()
+                if Path("/", item).is_relative_to(path.parent)
             }
         assert names == {
             "mine/hil/rigs/mine.toml",
@@ -384,12 +384,12 @@ class TestSentBench:
             "mine/given.elf",
             "above.elf",
         }
-        assert (sent.folder, sent.options) == (str(here), tuple(options))
+        assert (sent.folder, sent.options) == (str(path), tuple(options))
         assert sent.environment == {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out"}
 
-    def test_what_is_too_large_is_refused_by_its_name(self, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_what_is_too_large_is_refused_by_its_name(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sent_bench_module, "LARGEST_BYTES", 1 << 20)
-        with (here / "hil" / "recording.bin").open("wb") as file:
+        with (path / "hil" / "recording.bin").open("wb") as file:
             file.truncate((1 << 20) + 1)
         with pytest.raises(
             ConfigError, match=r"hil/recording.bin: with this file the workers would receive more than 1 MiB"

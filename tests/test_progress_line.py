@@ -122,12 +122,12 @@ def test_pytests_own_lines_are_as_they_were_in_a_terminal(pytester: pytest.Pytes
 
 
 def test_a_run_into_a_file_says_how_far_it_is_in_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s, said = [100.0], []
+    now_s, messages = [100.0], []
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
     screen = Screen()
-    progress = ProgressLine(screen, shown=False, say=said.append)
+    progress = ProgressLine(screen, shown=False, say=messages.append)
     for done in range(25):
         progress("known angles", done, 60)
         now_s[0] += 3.0
-    assert said == ["known angles 10 of 60, 150 s left", "known angles 20 of 60, 120 s left"]
+    assert messages == ["known angles 10 of 60, 150 s left", "known angles 20 of 60, 120 s left"]
     assert screen.text == ""

@@ -123,7 +123,7 @@ TRIED = [(option, KINDS[index % len(KINDS)]) for index, option in enumerate(sort
 def test_what_no_such_file_can_be_is_refused_at_once(option: str, kind: str, inputs: Path, tmp_path: Path) -> None:
     path = tmp_path / f"hostile{ENDS.get(option, '')}"
     make(kind, path)
-    words = [each.replace("{}", str(path)) for each in READING[option]]
+    words = [item.replace("{}", str(path)) for item in READING[option]]
     began_s = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", *words], cwd=inputs, capture_output=True, text=True, timeout=60.0, check=False
@@ -141,7 +141,7 @@ def test_what_no_such_file_can_be_is_refused_at_once(option: str, kind: str, inp
 def test_a_pipe_is_refused_where_a_file_is_read_more_than_once(option: str, inputs: Path, tmp_path: Path) -> None:
     path = tmp_path / f"hostile{ENDS.get(option, '')}"
     make("pipe", path)
-    words = [each.replace("{}", str(path)) for each in READING[option]]
+    words = [item.replace("{}", str(path)) for item in READING[option]]
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", *words],
         cwd=inputs,

@@ -44,10 +44,12 @@ def run(*command: str | Path, cwd: Path) -> str:
 def interpreter(version: str) -> Path:
     """Return a Python of this version, on the path or of pyenv; there is no package of all of them to install."""
     named = f"python{version}"
-    found = shutil.which(named)
-    for each in ([Path(found)] if found else []) + sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/{named}")):
-        if subprocess.run([each, "-m", "venv", "-h"], capture_output=True, check=False).returncode == 0:
-            return each
+    result = shutil.which(named)
+    for item in ([Path(result)] if result else []) + sorted(
+        Path.home().glob(f".pyenv/versions/{version}.*/bin/{named}")
+    ):
+        if subprocess.run([item, "-m", "venv", "-h"], capture_output=True, check=False).returncode == 0:
+            return item
     pytest.skip(f"no {named} here")
 
 
@@ -69,22 +71,22 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 @pytest.mark.parametrize("version", PYTHONS)
 def test_wheel_and_source_install_and_run(version: str, distributions: dict[str, Path], tmp_path: Path) -> None:
     run(interpreter(version), "-m", "venv", tmp_path / "venv", cwd=tmp_path)
-    here = tmp_path / "venv" / "bin"
+    place = tmp_path / "venv" / "bin"
     verdicts = {}
     for kind, file in distributions.items():
         once_more = ["--force-reinstall", "--no-deps"] if verdicts else []
-        run(here / "pip", "install", "--quiet", *once_more, file, cwd=tmp_path)
-        run(here / "pip", "check", cwd=tmp_path)
-        assert run(here / "hiltest", "--version", cwd=tmp_path).split()[-1] == __version__
-        said = run(here / "hiltest", "run", "--poses", "level", cwd=tmp_path)
-        verdicts[kind] = next(line for line in said.splitlines() if line.startswith("PASS. "))
+        run(place / "pip", "install", "--quiet", *once_more, file, cwd=tmp_path)
+        run(place / "pip", "check", cwd=tmp_path)
+        assert run(place / "hiltest", "--version", cwd=tmp_path).split()[-1] == __version__
+        answer = run(place / "hiltest", "run", "--poses", "level", cwd=tmp_path)
+        verdicts[kind] = next(line for line in answer.splitlines() if line.startswith("PASS. "))
     assert verdicts["wheel"] == verdicts["source"]
 
 
 def needed_glibc(library: Path) -> tuple[int, ...]:
     """Return the newest version of glibc that a library needs a symbol of."""
     with library.open("rb") as file:
-        sections = [each for each in ELFFile(file).iter_sections() if isinstance(each, GNUVerNeedSection)]
+        sections = [section for section in ELFFile(file).iter_sections() if isinstance(section, GNUVerNeedSection)]
         names = [symbol.name for section in sections for _, symbols in section.iter_versions() for symbol in symbols]
     return max(tuple(map(int, re.findall(r"\d+", name))) for name in names if name.startswith("GLIBC_"))
 

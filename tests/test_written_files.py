@@ -44,9 +44,9 @@ WRITING = {
 def options_that_write() -> Iterator[str]:
     """Yield the options and arguments of all commands whose help says that they are a file to write."""
     for name, command in every_command():
-        for each in command.params:
-            if isinstance(each, click.Option) and each.metavar == "FILE" and isinstance(each.type, click.Path):
-                yield f"{name} {max(each.opts, key=len)}"
+        for param in command.params:
+            if isinstance(param, click.Option) and param.metavar == "FILE" and isinstance(param.type, click.Path):
+                yield f"{name} {max(param.opts, key=len)}"
         if name.startswith("baseline"):
             yield f"{name} FILE"
 

@@ -126,7 +126,7 @@ def budget_table() -> Table:
         "mean_error": "deg",
         "max_error": "deg",
     }
-    return Table("budget.curve", tuple(Column(*each) for each in units.items()), rows)
+    return Table("budget.curve", tuple(Column(*unit) for unit in units.items()), rows)
 
 
 def stages_table() -> Table:
@@ -149,7 +149,7 @@ def stages_table() -> Table:
         "max_error": "deg",
         "mean_error": "deg",
     }
-    return Table("stream.stages", tuple(Column(*each) for each in units.items()), rows)
+    return Table("stream.stages", tuple(Column(*unit) for unit in units.items()), rows)
 
 
 @pytest.fixture
@@ -178,7 +178,7 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
     """Return a function that makes findings of some measurements."""
 
     def make(*measurements: Measurement, tests: tuple[TestResult, ...] = (), tables: bool = True) -> Findings:
-        made = Findings(
+        result = Findings(
             Environment("bench, 2 cores", "Linux", "3.11.2", {"hiltest": "0.1.0"}),
             "gate",
             "all",
@@ -187,8 +187,8 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
             board=board,
             rig=RigRecord("virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", cost_reference="direct"),
         )
-        made.tests.extend(tests or [TestResult(HEADING_TEST, TestOutcome.PASSED, 1.25)])
-        made.measurements.update((measurement.name, measurement) for measurement in measurements)
+        result.tests.extend(tests or [TestResult(HEADING_TEST, TestOutcome.PASSED, 1.25)])
+        result.measurements.update((measurement.name, measurement) for measurement in measurements)
         if tables:
             for make_table in (
                 poses_table,
@@ -199,8 +199,8 @@ def findings(board: BoardRecord) -> Callable[..., Findings]:
                 stages_table,
             ):
                 table = make_table()
-                made.tables[table.name] = table
-        return made
+                result.tables[table.name] = table
+        return result
 
     return make
 

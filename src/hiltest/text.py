@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections.abc import Sequence
 
@@ -10,6 +11,7 @@ _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 _ALLOWED = frozenset("\n\t")
 # Noise prints 24 bytes in a row once in 10^10 times, since 97 of 256 bytes are printable.
 _FEWEST_BYTES, _MOST_IS_PRINTED = 24, 0.95
+_REPETITION = re.compile(r"(?P<separator>[\[-])\d+-\d+\]$")
 
 
 def format_number(value: float | int | None, digits: int = 4) -> str:
@@ -99,6 +101,19 @@ def short_test_id(test: str) -> str:
     """
     file, colons, name = test.partition("::")
     return file.rpartition("/")[2] + colons + name
+
+
+def id_without_repetition(test: str) -> str:
+    """Return a test's id without the number of its repetition, which pytest-repeat appends to its parameters.
+
+    Examples
+    --------
+    >>> id_without_repetition("test_link.py::test_rate[57600-2-3]")
+    'test_link.py::test_rate[57600]'
+    >>> id_without_repetition("test_link.py::test_identity[2-3]")
+    'test_link.py::test_identity'
+    """
+    return _REPETITION.sub(lambda match: "]" if match["separator"] == "-" else "", test)
 
 
 def legible(text: str) -> str:

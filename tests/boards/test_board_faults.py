@@ -81,7 +81,7 @@ def test_a_reset_that_was_asked_for_is_no_fault() -> None:
 
 def test_a_sensor_that_is_gone_is_absent_and_back_as_after_power_on() -> None:
     with board_with(**sensor("mag3110", "absent", for_s=0.5)) as board:
-        (mag,) = (each for each in board.sensors if each.name == "MAG3110")
+        (mag,) = (item for item in board.sensors if item.name == "MAG3110")
         board.session.request(Read(mag.sensor_id, 1))
         board.sleep(BEGIN_S)
         assert "SENSOR_ABSENT" in refused(lambda: board.session.request(Read(mag.sensor_id, 1)))
@@ -109,7 +109,7 @@ def test_firmware_that_refuses_the_first_words_is_not_ours(tmp_path: Path) -> No
 def test_another_part_at_the_address_of_a_sensor_is_not_that_sensor(part: str) -> None:
     with board_with(**sensor(part, "other part")) as board:
         board.sleep(BEGIN_S)
-        missing = {each.name for each in board.session.request(Sensors()) if not each.present}
+        missing = {item.name for item in board.session.request(Sensors()) if not item.present}
         assert missing == set(PARTS[part].sensors.values())
 
 
@@ -127,16 +127,16 @@ def test_a_sensor_that_is_stuck_or_at_the_end_of_its_range_is_named(part: str, f
     with board_with(**sensor(part, fault)) as board:
         ask(board)
         board.sleep(BEGIN_S)
-        said = refused(lambda: ask(board))
-        assert said.startswith(f"{name}: ")
-        assert words in said
+        refusal = refused(lambda: ask(board))
+        assert refusal.startswith(f"{name}: ")
+        assert words in refusal
 
 
 def test_a_gyroscope_that_is_stuck_while_it_turns_is_named() -> None:
     with board_with(**sensor("fxas21002c", "frozen")) as board:
         board.sleep(BEGIN_S)
-        said = refused(lambda: board.session.request(IntegrateGyroscope(200)))
-        assert said.startswith("FXAS21002C: 200 consecutive samples are identical")
+        refusal = refused(lambda: board.session.request(IntegrateGyroscope(200)))
+        assert refusal.startswith("FXAS21002C: 200 consecutive samples are identical")
 
 
 @pytest.mark.parametrize(("fault", "words"), [("frozen", "consecutive samples"), ("saturated", "of 100 samples")])
@@ -171,7 +171,7 @@ def test_a_run_is_of_equal_rows_beside_each_other() -> None:
 @pytest.mark.parametrize("line", ["sda", "scl"])
 def test_a_line_that_is_held_low_is_a_bus_error_of_that_bus_alone(line: str) -> None:
     with board_with(held_line=HeldLine(1, line, BEGIN_S)) as board:  # type: ignore[arg-type]
-        onboard = next(each for each in board.sensors if each.name.startswith("on-board"))
+        onboard = next(item for item in board.sensors if item.name.startswith("on-board"))
         shield = board.sensor(SensorKind.MAGNETOMETER)
         board.session.request(Read(shield.sensor_id, 1))
         board.sleep(BEGIN_S)

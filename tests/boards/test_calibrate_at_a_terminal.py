@@ -87,21 +87,21 @@ def test_an_operator_is_led_and_only_what_was_refused_is_done_again(
     check_against_the_truth(load_calibration(led_rig_file.parent / "imu_calibration.json").calibration, rig)
 
 
-def check_against_the_truth(made: ImuCalibration, rig: Rig) -> None:
+def check_against_the_truth(calibration: ImuCalibration, rig: Rig) -> None:
     truth = world_truth(rig)
     assert truth is not None
-    assert made.accelerometer is not None
-    assert made.gyroscope is not None
+    assert calibration.accelerometer is not None
+    assert calibration.gyroscope is not None
     # A hundred points of 0.4 uT: a hard iron within 0.3 uT on every axis, some five standard errors.
-    errors_ut = (np.array(made.magnetometer.hard_iron) - truth.hard_iron_counts) / COUNTS_PER_UT
+    errors_ut = (np.array(calibration.magnetometer.hard_iron) - truth.hard_iron_counts) / COUNTS_PER_UT
     assert np.abs(errors_ut).max() < 0.3
     # 400 samples of 0.2 deg/s behind the part's filter: 0.05 is some four standard errors of their mean.
-    bias_dps = 0.0625 * np.array(made.gyroscope.bias)
+    bias_dps = 0.0625 * np.array(calibration.gyroscope.bias)
     assert np.abs(bias_dps - truth.gyroscope_bias_dps).max() < 0.05
     # The hand puts the board down exactly: what is left is noise, 0.2 mg on a face.
-    assert made.accelerometer.figures[0].value < 1.0
-    assert made.made_on.kind == "real"  # as far as a port can tell
-    assert made.made_on.world_sha256 is None
+    assert calibration.accelerometer.figures[0].value < 1.0
+    assert calibration.made_on.kind == "real"  # as far as a port can tell
+    assert calibration.made_on.world_sha256 is None
 
 
 def test_ctrl_c_ends_it_and_leaves_no_file(

@@ -62,10 +62,10 @@ def test_what_it_says_stands_beside_a_question_and_a_stop_says_what_becomes_of_t
 def test_it_calibrates_itself_in_a_hand_and_its_headings_are_judged_with_u(turn: Turn, tmp_path: Path) -> None:
     code, shown = turn()
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    (found,) = (each for each in record["measurements"] if each["name"] == "heading.firmware.max")
-    assert (code, found["outcome"]) == (0, "pass"), shown
-    assert found["value"] < 1.0
-    assert found["uncertainty"] == pytest.approx(0.7071, abs=1e-4)
+    (result,) = (measurement for measurement in record["measurements"] if measurement["name"] == "heading.firmware.max")
+    assert (code, result["outcome"]) == (0, "pass"), shown
+    assert result["value"] < 1.0
+    assert result["uncertainty"] == pytest.approx(0.7071, abs=1e-4)
     assert "(limit 3 with U 0.71)" in shown
     assert "Turn it in all directions for 20 s" in shown
     assert "The covered part of the sphere" not in shown  # only hiltest's firmware shows its points

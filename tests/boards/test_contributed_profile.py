@@ -72,7 +72,7 @@ def test_it_can_be_sent_in_when_its_owner_has_filled_it_in(
 
 
 @pytest.mark.parametrize(
-    ("pattern", "instead", "said"),
+    ("pattern", "instead", "message"),
     [
         (r"^divide = (\d+)$", "divide = 104", "cost.divide is not what its clocks give, which is 13"),
         (r"(?<=\[cost.divide\]\nvalue = )12\nband = \[12, 12\]", "11\nband = [11, 12]", "cost.divide is not what its"),
@@ -92,12 +92,12 @@ def test_it_can_be_sent_in_when_its_owner_has_filled_it_in(
     ],
 )
 def test_what_is_missing_or_does_not_fit_is_named(
-    filled_in: str, objections: Callable[[str], tuple[str, ...]], pattern: str, instead: str, said: str
+    filled_in: str, objections: Callable[[str], tuple[str, ...]], pattern: str, instead: str, message: str
 ) -> None:
     assert objections(filled_in) == ()
     changed, times = re.subn(pattern, lambda _match: instead, filled_in, count=1, flags=re.M)
     assert times == 1
-    assert any(said in objection for objection in objections(changed)), objections(changed)
+    assert any(message in objection for objection in objections(changed)), objections(changed)
 
 
 def test_a_new_measurement_keeps_the_board_and_wants_a_new_signature(filled_in: str, tmp_path: Path) -> None:
@@ -113,4 +113,6 @@ def test_a_new_measurement_keeps_the_board_and_wants_a_new_signature(filled_in: 
 def test_what_was_sent_in_holds() -> None:
     sent = [file for file in shipped_profiles().values() if file.parent.name == "silicon"]
     image = load_image(default_firmware())
-    assert {file.name: check(file, image, SEQUENCES).objections for file in sent} == {each.name: () for each in sent}
+    assert {file.name: check(file, image, SEQUENCES).objections for file in sent} == {
+        message.name: () for message in sent
+    }

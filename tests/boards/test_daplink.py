@@ -59,8 +59,8 @@ def test_a_board_without_its_serial_port_is_a_board_still(tree: UsbTree) -> None
 def test_boards_behind_one_another_keep_their_own_ports(tree: UsbTree) -> None:
     tree.plug_in(serial=K64F, tty="ttyACM1")
     tree.plug_in(serial=SECOND_K64F, tty="ttyACM0")
-    found = {board.serial_number: board.port for board in find_boards(tree.root)}
-    assert found == {K64F: tree.root / "dev/ttyACM1", SECOND_K64F: tree.root / "dev/ttyACM0"}
+    results = {board.serial_number: board.port for board in find_boards(tree.root)}
+    assert results == {K64F: tree.root / "dev/ttyACM1", SECOND_K64F: tree.root / "dev/ttyACM0"}
 
 
 def test_other_ports_say_why_they_are_not_taken(tree: UsbTree) -> None:
@@ -71,16 +71,16 @@ def test_other_ports_say_why_they_are_not_taken(tree: UsbTree) -> None:
     tree.plug_in(serial=None, tty="ttyACM2")
     tree.built_in("ttyS0")
     tree.built_in("ttyS1", kind="0")
-    found = plugged_in(tree.root)
-    assert found.boards == ()
-    said = {other.port.name if other.port else None: other.not_taken for other in found.others}
-    assert said.keys() == {"ttyACM0", "ttyACM1", "ttyACM2", "ttyUSB0", "ttyS0", None}
-    assert "9904" in said["ttyACM0"]
-    assert "SEGGER" in said["ttyACM1"]
-    assert "no serial number" in said["ttyACM2"]
-    assert "0403:6001" in said["ttyUSB0"]
-    assert "not on USB" in said["ttyS0"]
-    assert "reset button" in said[None]
+    result = plugged_in(tree.root)
+    assert result.boards == ()
+    messages = {other.port.name if other.port else None: other.not_taken for other in result.others}
+    assert messages.keys() == {"ttyACM0", "ttyACM1", "ttyACM2", "ttyUSB0", "ttyS0", None}
+    assert "9904" in messages["ttyACM0"]
+    assert "SEGGER" in messages["ttyACM1"]
+    assert "no serial number" in messages["ttyACM2"]
+    assert "0403:6001" in messages["ttyUSB0"]
+    assert "not on USB" in messages["ttyS0"]
+    assert "reset button" in messages[None]
 
 
 @pytest.mark.parametrize("beginning", [SECOND_K64F, SECOND_K64F[:12]])
@@ -130,10 +130,10 @@ def test_whatever_a_device_and_a_mount_are_called_boards_are_found(
         (volume / "DETAILS.TXT").write_bytes(b"Interface Version: " + details)
         with (tree.root / "proc/self/mountinfo").open("ab") as file:
             file.write(mounts)
-        (found,) = plugged_in(tree.root).boards
-    assert found.volume is not None
-    for text in (found.serial_number, found.volume.interface_version):
-        assert {unicodedata.category(each) for each in text} & {"Cc", "Cf", "Cs", "Zl", "Zp"} == set()
+        (board,) = plugged_in(tree.root).boards
+    assert board.volume is not None
+    for text in (board.serial_number, board.volume.interface_version):
+        assert {unicodedata.category(item) for item in text} & {"Cc", "Cf", "Cs", "Zl", "Zp"} == set()
 
 
 def test_a_volume_whose_details_are_a_link_or_a_pipe_is_read_no_further(tree: UsbTree, tmp_path: Path) -> None:
@@ -145,4 +145,4 @@ def test_a_volume_whose_details_are_a_link_or_a_pipe_is_read_no_further(tree: Us
     piped = tree.plug_in(serial=SECOND_K64F, tty="ttyACM1", disk="sdc", mounted="/m/piped") / "DETAILS.TXT"
     piped.unlink()
     os.mkfifo(piped)
-    assert [each.volume.interface_version for each in find_boards(tree.root) if each.volume] == ["", ""]
+    assert [board.volume.interface_version for board in find_boards(tree.root) if board.volume] == ["", ""]

@@ -82,14 +82,14 @@ class Debugged:
 @pytest.fixture
 def debugged(elf: Path) -> Iterator[Debugged]:
     """A board that is halted at its reset vector by a client that has left again."""
-    made = Debugged(elf)
+    result = Debugged(elf)
     try:
-        yield made
+        yield result
     finally:
-        made.server.close()
-        made.goes_on = False
-        if made.thread.ident is not None:
-            made.ended()
+        result.server.close()
+        result.goes_on = False
+        if result.thread.ident is not None:
+            result.ended()
 
 
 @contextmanager
@@ -139,13 +139,13 @@ def test_a_breakpoint_halts_before_its_instruction_each_time_and_time_stands_sti
             assert client.ask(b"c") == b"T05thread:1;hwbreak:;"
             assert (client.pc, client.register(0)) == (debugged.at["work"], 20)
             assert client.word(debugged.at["count"]) == 20 * visit
-            told = client.monitor("cycles")
-            assert told == (
+            answer = client.monitor("cycles")
+            assert answer == (
                 f"{debugged.machine.cycles} cycles, {debugged.machine.instructions} instructions, "
                 f"{debugged.machine.time_s:.9f} s\n"
             )
             time.sleep(0.02)
-            assert client.monitor("cycles") == told
+            assert client.monitor("cycles") == answer
         assert client.ask(b"z1,%x,2" % debugged.at["work"]) == b"OK"
         client.send(b"c")
         debugged.ended()
@@ -195,12 +195,12 @@ def test_a_watchpoint_halts_behind_the_access_and_names_it(debugged: Debugged, k
     with started(debugged) as client:
         assert client.ask(b"Z%s,%x,4" % (kind, place)) == b"OK"
         assert client.ask(b"c") == b"T05thread:1;%s:%x;" % (name, place)
-        seen = [client.word(place)]
+        word = [client.word(place)]
         for _ in range(3):
             assert client.ask(b"c") == b"T05thread:1;%s:%x;" % (name, place)
-            seen.append(client.word(place))
+            word.append(client.word(place))
         # Each round reads it and writes it.
-        assert seen == {b"2": [1, 2, 3, 4], b"3": [0, 1, 2, 3], b"4": [0, 1, 1, 2]}[kind]
+        assert word == {b"2": [1, 2, 3, 4], b"3": [0, 1, 2, 3], b"4": [0, 1, 1, 2]}[kind]
         client.ask(b"z%s,%x,4" % (kind, place))
         client.send(b"c")
         debugged.ended()
@@ -483,12 +483,12 @@ def test_any_bytes_whatever_leave_the_session_and_the_board_alive(
         quiet.session.feed(b"$%s#%02x" % (content, sum(content) & 0xFF))
     quiet.session.feed(noise)
     quiet.session.feed(b"\x03#00")
-    assert not quiet.session.over or any(each[:1] in b"Dk" or each.startswith(b"vKill") for each in [*contents, noise])
+    assert not quiet.session.over or any(item[:1] in b"Dk" or item.startswith(b"vKill") for item in [*contents, noise])
     quiet.session.close()
     try:
         quiet.machine.run_until(0.0001)
     except BoardFault:  # of firmware whose registers or memory were written
-        assert any(each[:1] in b"GPMXcCsS" or each.startswith(b"vCont") for each in contents)
+        assert any(item[:1] in b"GPMXcCsS" or item.startswith(b"vCont") for item in contents)
 
 
 def test_virtual_time_of_a_paced_board_does_not_catch_up_with_a_halt(elf: Path) -> None:
@@ -562,7 +562,7 @@ def test_debians_gdb_debugs_the_board(debugged: Debugged, elf: Path, require_too
         "maintenance flush register-cache",
         *SCRIPT,
     ]
-    arguments = [each for command in commands for each in ("-ex", command)]
+    arguments = [item for command in commands for item in ("-ex", command)]
     done = subprocess.run(
         [require_tool("gdb-multiarch"), "-nx", "-batch", *arguments, str(elf)],
         capture_output=True,
@@ -570,7 +570,7 @@ def test_debians_gdb_debugs_the_board(debugged: Debugged, elf: Path, require_too
         timeout=WALL_LIMIT_S,
         check=False,
     )
-    said = done.stdout
+    output = done.stdout
     for expected in (
         "Thread 1 (Cortex-M4F)",
         "Breakpoint 1, work (n=n@entry=20)",
@@ -590,6 +590,6 @@ def test_debians_gdb_debugs_the_board(debugged: Debugged, elf: Path, require_too
         "<start>",
         "detached",
     ):
-        assert expected in said, (expected, said, done.stderr)
+        assert expected in output, (expected, output, done.stderr)
     assert "cycles, " in done.stderr
     assert done.returncode == 0

@@ -26,10 +26,10 @@ def line(request: pytest.FixtureRequest) -> Iterator[PseudoTerminal | TcpLine]:
     line.close()
 
 
-def until(line: PseudoTerminal | TcpLine, seen: Callable[[bytes], bool], *, limit: int = 100) -> bytes:
+def until(line: PseudoTerminal | TcpLine, observed: Callable[[bytes], bool], *, limit: int = 100) -> bytes:
     """Look after a line, as the board's thread does, until `seen` is true of all that has come."""
     heard, ends_s = b"", time.monotonic() + WALL_LIMIT_S
-    while not seen(heard):
+    while not observed(heard):
         assert time.monotonic() < ends_s, heard
         select.select(line.sources(), [], [], 0.002)
         heard += line.receive(limit)
@@ -153,12 +153,14 @@ def test_a_client_that_is_torn_away_makes_room_for_the_next() -> None:
 
 
 def test_a_port_that_cannot_be_listened_on_is_named() -> None:
-    taken = TcpLine("127.0.0.1", 0)
-    with pytest.raises(ConfigError, match=rf"cannot listen on 127\.0\.0\.1 port {taken.port}: Address already in use"):
-        TcpLine("127.0.0.1", taken.port)
+    selected = TcpLine("127.0.0.1", 0)
+    with pytest.raises(
+        ConfigError, match=rf"cannot listen on 127\.0\.0\.1 port {selected.port}: Address already in use"
+    ):
+        TcpLine("127.0.0.1", selected.port)
     with pytest.raises(ConfigError, match=r"cannot listen on 192\.0\.2\.1 port 0: Cannot assign"):
         TcpLine("192.0.2.1", 0)
-    taken.close()
+    selected.close()
 
 
 def test_a_link_stays_for_its_time_and_replaces_only_what_an_earlier_start_left(tmp_path: Path) -> None:

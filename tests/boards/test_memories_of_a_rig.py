@@ -28,13 +28,13 @@ def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[objec
     """Upload the cloud, read it back, and fit it: points, answers with their instructions, and clocks."""
     upload_points(board, CLOUD)
     replies = [board.session.request(Points(first, 10)) for first in range(0, len(CLOUD), 10)]
-    found, clocks = {}, {}
+    results, clocks = {}, {}
     for name in CALIBRATORS:
         reply = board.session.request(Calibrate(len(CLOUD), name))
         assert reply.cost is not None
         fit = reply.calibration
         counted = board.instructions_counted(reply.cost.cycles + reply.cost.overhead_cycles)
-        found[name] = (
+        results[name] = (
             reply.fit,
             reply.iterations,
             reply.coverage,
@@ -43,16 +43,16 @@ def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[objec
             counted,
         )
         clocks[name] = reply.cost.cycles
-    return [point for each in replies for point in each.magnetometer.tolist()], found, clocks
+    return [point for reply in replies for point in reply.magnetometer.tolist()], results, clocks
 
 
 def test_memories_add_clocks_and_leave_every_answer_alone(rig: Rig) -> None:
     with opened(rig, "cortex-m4-trm/2") as board:
-        points, found, clocks = answers(board)
+        points, result, clocks = answers(board)
     with opened(rig, "cortex-m4-k64f/2") as board:
         points_with_memories, found_with_memories, clocks_with_memories = answers(board)
     assert points_with_memories == points == CLOUD.tolist()
-    assert found_with_memories == found
+    assert found_with_memories == result
     # The kernels run from SRAM_L with their data in SRAM_U: only their constants, in SRAM_L beside them, meet a fetch.
     for name, plain in clocks.items():
         assert plain <= clocks_with_memories[name] <= 1.005 * plain, name

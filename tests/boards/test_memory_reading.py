@@ -73,7 +73,7 @@ def test_any_other_board_is_read_through_its_server(
     with served as port:
         device = MemoryDevice(values=VALUES, server=f"localhost:{port}", at_return_of=at_return_of)
         memory = opened_soon(rig, device, image)
-        read = [memory.read(each) for each in range(5)]
+        read = [memory.read(index) for index in range(5)]
         memory.close()
     assert all(after.time_s >= before for before, after in enumerate(read))
     solutions = [values.values[Quantity.HARD_IRON].tolist() for values in read]
@@ -168,12 +168,12 @@ def test_a_rig_takes_one_quantity_from_packets_and_another_from_memory(both_kind
     rig = load_rig(both_kinds(MEMORY))
     with open_board(rig, firmware=foreign_elf("nxp_sensor_fusion.elf"), seed=1) as board:
         assert {Quantity.HEADING, Quantity.HARD_IRON, Quantity.GYROSCOPE_BIAS, Quantity.QUATERNION} <= board.offers
-        said = board.output.observe(1.0)
-    read = [each for each in said if Quantity.HEADING in each.values]
+        answer = board.output.observe(1.0)
+    read = [answer_part for answer_part in answer if Quantity.HEADING in answer_part.values]
     assert 5 <= len(read) <= 10  # one in 0.1 s, and what the function takes to be called
     # The first of the kinds that offer a quantity gives it, unless the rig says another.
-    assert all(each.values.keys() == {Quantity.HEADING} for each in read)
-    packets = [each for each in said if Quantity.QUATERNION in each.values]
+    assert all(item.values.keys() == {Quantity.HEADING} for item in read)
+    packets = [answer_part for answer_part in answer if Quantity.QUATERNION in answer_part.values]
     assert len(packets) >= 30
     assert not any(Quantity.HEADING in packet.values for packet in packets)
 

@@ -43,7 +43,7 @@ def command(rig_file: Path, port: str) -> list[str]:
 
 def measured(rig_file: Path) -> dict[str, Any]:
     record = json.loads((rig_file.parent / "out" / "run.json").read_text(encoding="utf-8"))
-    return {each["name"]: each["value"] for each in record["measurements"]}
+    return {measurement["name"]: measurement["value"] for measurement in record["measurements"]}
 
 
 def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged(
@@ -59,7 +59,7 @@ def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged
         elif face := re.search(r"put the board (.+), square on", question):
             faces.append(face[1])
             put = "level" if faces == ["nose down", "nose up"] else face[1]  # wrong the first time
-            paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == put))
+            paced.bench.turn_to(next(face.pose for face in FACES if FACE_WORDS[face] == put))
         elif "all round" in question:
             paced.tumble_by_hand()
         return "\n"
@@ -101,7 +101,7 @@ def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
             return ends_with.get(pose[1], "\n")
         if face := re.search(r"put the board (.+), square on", question):
             asked.append(face[1])
-            paced.bench.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
+            paced.bench.turn_to(next(item.pose for item in FACES if FACE_WORDS[item] == face[1]))
         elif "all round" in question:
             asked.append("tumble")
             paced.tumble_by_hand()
@@ -131,7 +131,7 @@ def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
     assert ended.code == 22, ended.shown
     assert "1 pose not measured: 4" in ended.shown
     record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
-    poses = next(each for each in record["tables"] if each["name"] == "heading.poses")
+    poses = next(table for table in record["tables"] if table["name"] == "heading.poses")
     assert [row[0] for row in poses["rows"]] == [0, 90, 180]
     assert "1 of 4 known angles not measured: heading 270, pitch +0, roll +0" in record["verdict"]["sentence"]
     assert not (folder / "out" / "journal.jsonl").exists()

@@ -73,9 +73,9 @@ class FarEnd:
     def end(self) -> None:
         self._ends.set()
         self._thread.join()
-        for each in (self.master, self._slave):
+        for item in (self.master, self._slave):
             with suppress(OSError):
-                os.close(each)
+                os.close(item)
 
 
 @pytest.fixture
@@ -242,8 +242,8 @@ def test_a_rig_without_a_heading_is_refused_before_a_port_is_opened(tmp_path: Pa
 )
 def test_a_device_table_that_contradicts_itself_is_refused(tmp_path: Path, line: str, words: str) -> None:
     file, key = tmp_path / "desk.toml", line.partition(" ")[0]
-    kept = "\n".join(each for each in RIG.splitlines() if not (each.startswith(key) and key in ("settle_s",)))
-    kept = kept.replace('[device]\nkind = "fsflk"', "[device]" if key == "kind" else '[device]\nkind = "fsflk"')
-    file.write_text(kept.replace("[device]", f"[device]\n{line}"), encoding="utf-8")
+    stored = "\n".join(line for line in RIG.splitlines() if not (line.startswith(key) and key in ("settle_s",)))
+    stored = stored.replace('[device]\nkind = "fsflk"', "[device]" if key == "kind" else '[device]\nkind = "fsflk"')
+    file.write_text(stored.replace("[device]", f"[device]\n{line}"), encoding="utf-8")
     with pytest.raises(ConfigError, match=words):
         open_board(load_rig(file), port="/dev/null")

@@ -30,7 +30,7 @@ def rig_of(folder: Path, rows: list[LogRow], began_s: float) -> Rig:
     columns = [f"{kind.name.lower()}_{axis}_{UNITS[kind][0]}" for kind in KINDS for axis in "xyz"]
     lines = [f"# hiltest log: a test, clock began {began_s:.9f} s after power-on", ",".join(["time_s", *columns])]
     for row in rows:
-        cells = [",".join(f"{each:.7g}" for each in row.values) if kind is row.kind else ",," for kind in KINDS]
+        cells = [",".join(f"{value:.7g}" for value in row.values) if kind is row.kind else ",," for kind in KINDS]
         lines.append(f"{row.time_s:.6f},{','.join(cells)}")
     (folder / "field.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     path = folder / "bench.toml"

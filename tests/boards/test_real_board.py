@@ -211,8 +211,8 @@ def test_cycles_over_a_port_are_those_of_the_stepped_board(pty_board: StartPtyBo
     with open_board(rig) as stepped:
         expected = measure_cycles(stepped, calibrators, point_sets=1, sizes=(20, 100))
     with open_board(real_rig, port=pty_board(rig).path) as board:
-        found = measure_cycles(board, calibrators, point_sets=1, sizes=(20, 100))
-    assert {name: cost.cycles.tolist() for name, cost in found.items()} == {
+        cycles = measure_cycles(board, calibrators, point_sets=1, sizes=(20, 100))
+    assert {name: cost.cycles.tolist() for name, cost in cycles.items()} == {
         name: cost.cycles.tolist() for name, cost in expected.items()
     }
 

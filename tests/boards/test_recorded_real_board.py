@@ -91,8 +91,8 @@ def test_a_lost_connection_and_the_operators_words_come_again(tmp_path: Path) ->
         running.stdin.write("east\n31.5\n")
         running.stdin.flush()
         unplug_when(bench / "frames", paced, terminal, running)
-        said, _ = running.communicate(timeout=60.0)
-    assert running.returncode == 20, said
+        answer, _ = running.communicate(timeout=60.0)
+    assert running.returncode == 20, answer
     first = record_in(bench)
     assert "lost /dev/pts/" in first["tests"][1]["reason"]
 
@@ -102,7 +102,7 @@ def test_a_lost_connection_and_the_operators_words_come_again(tmp_path: Path) ->
     )
     assert done.returncode == 20, done.stdout
     again = record_in(desk)
-    measured = {each["name"]: each["value"] for each in again["measurements"]}
+    measured = {measurement["name"]: measurement["value"] for measurement in again["measurements"]}
     assert measured["bench.reached"] == 31.5, "the second answer, since the first was no heading"
     assert measured["bench.took"] > 0.05
     volatile = sorted({*first["volatile"], *again["volatile"]})

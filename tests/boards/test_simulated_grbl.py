@@ -60,9 +60,9 @@ class Table:
 
     def status(self) -> tuple[str, tuple[float, ...]]:
         (report,) = self.send("?")
-        found = re.fullmatch(r"<(\S+)\|MPos:(\S+),(\S+),(\S+)\|F:\d+>", report)
-        assert found, report
-        return found[1], tuple(float(angle) for angle in found.groups()[1:])
+        match = re.fullmatch(r"<(\S+)\|MPos:(\S+),(\S+),(\S+)\|F:\d+>", report)
+        assert match, report
+        return match[1], tuple(float(angle) for angle in match.groups()[1:])
 
     @property
     def board(self) -> Pose:
@@ -173,7 +173,7 @@ def test_when_all_places_are_taken_the_answer_waits(table: Table) -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "answers"),
+    ("message", "answers"),
     [
         ("\r", ["ok"]),
         ("\n", ["ok"]),
@@ -193,8 +193,8 @@ def test_when_all_places_are_taken_the_answer_waits(table: Table) -> None:
         (b"\x90\xff\x00G0\n", ["ok"]),
     ],
 )
-def test_lines_and_their_answers(table: Table, said: str | bytes, answers: list[str]) -> None:
-    assert table.send(said) == answers
+def test_lines_and_their_answers(table: Table, message: str | bytes, answers: list[str]) -> None:
+    assert table.send(message) == answers
 
 
 def test_the_settings_name_the_rates_that_hold(table: Table) -> None:

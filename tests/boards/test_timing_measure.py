@@ -131,8 +131,8 @@ def values(profile: TimingProfile) -> dict[str, int]:
 def test_it_gives_back_the_profile_that_the_board_was_made_with(
     tmp_path: Path, rig: Rig, base: str, changed: dict[str, int]
 ) -> None:
-    made = written(tmp_path, changed, base)
-    with open_board(made_with(rig, made)) as board:
+    result = written(tmp_path, changed, base)
+    with open_board(made_with(rig, result)) as board:
         # This board's flash waits for nothing; one profile of each base shows it.
         clocks = clocks_from_sram(board) if changed else clocks_of_every_place(board)
     measured = solved(clocks)
@@ -140,7 +140,7 @@ def test_it_gives_back_the_profile_that_the_board_was_made_with(
     assert measured.base.name == base
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     back = load_profile(str(tmp_path / "measured.toml"))
-    assert values(back) == values(load_profile(made)) == values(load_profile(base)) | changed
+    assert values(back) == values(load_profile(result)) == values(load_profile(base)) | changed
     assert all(row.band == (row.value, row.value) for row in measured.rows.values())
 
 
@@ -176,7 +176,7 @@ BOTH_BEHIND_CMP = "it cannot be told: none waits behind the CMP, or one of the t
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "answer"),
     [
         ({"fetch_late": 0}, {"load_and_three": "none waits", "pair_and_three": "none waits"}),
         ({"fetch_late_integer": 1}, {"integers_misplaced": "one in three waits", BEHIND_CMP: BOTH_BEHIND_CMP}),
@@ -189,24 +189,24 @@ BOTH_BEHIND_CMP = "it cannot be told: none waits behind the CMP, or one of the t
         ({"refill_table": 5}, {"table_branch": "with its refill it takes 7"}),
         ({"refill_table": 6}, {"table_branch": "with its refill it takes 8"}),
     ],
-    ids=lambda each: "-".join(f"{row}={value}" for row, value in each.items()) if "_" in next(iter(each)) else "",
+    ids=lambda item: "-".join(f"{row}={value}" for row, value in item.items()) if "_" in next(iter(item)) else "",
 )
 def test_a_board_that_behaves_by_another_candidate_is_told_and_its_row_written(
-    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], changed: dict[str, int], told: dict[str, str]
+    tmp_path: Path, rig: Rig, verdicts_by_rules: dict[str, str], changed: dict[str, int], answer: dict[str, str]
 ) -> None:
-    made = written(tmp_path, changed, WITH_RULES)
-    with open_board(made_with(rig, made)) as board:
+    result = written(tmp_path, changed, WITH_RULES)
+    with open_board(made_with(rig, result)) as board:
         measured = solved(clocks_from_sram(board))
     assert measured.remarks == ()
-    assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
+    assert verdicts(measured).items() - verdicts_by_rules.items() == answer.items()
     ((row, value),) = changed.items()
     assert measured.rows[row].band == (value, value)
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
-    assert values(load_profile(str(tmp_path / "measured.toml"))) == values(load_profile(made))
+    assert values(load_profile(str(tmp_path / "measured.toml"))) == values(load_profile(result))
 
 
 @pytest.mark.parametrize(
-    ("changed", "told", "left"),
+    ("changed", "answer", "remainder"),
     [
         ({}, {"load_and_two": "the second waits", "fp_misplaced": "one in two waits"}, {"fetch_late", "fetch_late_fp"}),
         (
@@ -227,20 +227,20 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
     rig: Rig,
     monkeypatch: pytest.MonkeyPatch,
     changed: dict[str, int],
-    told: dict[str, str],
-    left: set[str],
+    answer: dict[str, str],
+    remainder: set[str],
 ) -> None:
-    made = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
-    every_second = Candidate("", {"misplaced_on_end": 2}).apply_to(load_profile(made))
+    result = written(tmp_path, {"fetch_late_integer": 0} | changed, WITH_RULES)
+    every_second = Candidate("", {"misplaced_on_end": 2}).apply_to(load_profile(result))
     with monkeypatch.context() as of_board:
         of_board.setattr(cortex_m4, "load_profile", lambda _name: every_second)
-        with open_board(made_with(rig, made)) as board:
+        with open_board(made_with(rig, result)) as board:
             clocks = clocks_from_sram(board)
     measured = solved(clocks)
-    assert told.items() <= verdicts(measured).items()
+    assert answer.items() <= verdicts(measured).items()
     assert "none of the candidates predicts it" not in verdicts(measured).values()
-    assert {remark.split(": ")[2].split()[0] for remark in measured.remarks} == left
-    assert not left & measured.rows.keys()
+    assert {remark.split(": ")[2].split()[0] for remark in measured.remarks} == remainder
+    assert not remainder & measured.rows.keys()
 
 
 def clocks_of_dearer_board(rig: Rig, clocks: Callable[[int, str], int], profile: str = WITH_RULES) -> dict[str, int]:
@@ -277,8 +277,8 @@ def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(rig: Rig, verd
     third = [address for address in code if (address - code[0]) % 32 == 14 and address > code[0] + 64]
     clocks = clocks_of_dearer_board(rig, lambda address, _text: int(address in third))
     measured = solved(clocks)
-    told = {BEHIND_CMP: "one of the three waits"}
-    assert verdicts(measured).items() - verdicts_by_rules.items() == told.items()
+    messages = {BEHIND_CMP: "one of the three waits"}
+    assert verdicts(measured).items() - verdicts_by_rules.items() == messages.items()
     (remark,) = measured.remarks
     assert remark.startswith(f"{BEHIND_CMP}: 44 clocks, one of the three waits: fetch_late cannot say so")
     assert "fetch_late" not in measured.rows
@@ -291,13 +291,13 @@ def test_a_board_that_takes_longer_for_data_that_are_not_aligned_is_told(
 ) -> None:
     text = f"ldr.w r0, [r1, #{off}]"
     clocks = clocks_of_dearer_board(rig, lambda _address, shown: more * (shown == text))
-    told = {f"loads_{name}_off": says}
-    assert verdicts(solved(clocks)).items() - verdicts_by_rules.items() == told.items()
+    messages = {f"loads_{name}_off": says}
+    assert verdicts(solved(clocks)).items() - verdicts_by_rules.items() == messages.items()
 
 
 def test_one_rule_that_shows_is_enough_for_the_profile_that_has_them_all(tmp_path: Path, rig: Rig) -> None:
-    made = written(tmp_path, {"address_use": 1}, PLAIN)
-    with open_board(made_with(rig, made)) as board:
+    result = written(tmp_path, {"address_use": 1}, PLAIN)
+    with open_board(made_with(rig, result)) as board:
         measured = solved(clocks_from_sram(board))
     assert (measured.base.name, measured.remarks) == (WITH_RULES, ())
     rules = {name: row.value for name, row in measured.rows.items() if name not in ROWS}
@@ -409,9 +409,9 @@ def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_
 
 
 def test_every_row_is_solved_for_once_and_every_sequence_used() -> None:
-    rows = [each.row for each in EQUATIONS]
+    rows = [equation.row for equation in EQUATIONS]
     assert sorted((*rows, "table_branch")) == sorted(ROWS)
-    used = [each.sequence for each in (*EQUATIONS, *CHECKS, *questions(values(load_profile(WITH_RULES))))]
+    used = [item.sequence for item in (*EQUATIONS, *CHECKS, *questions(values(load_profile(WITH_RULES))))]
     assert sorted((*used, "readings")) == sorted(SEQUENCES)
 
 
@@ -448,12 +448,12 @@ def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, 
     with_edge(bench.machine, edge)
     with VirtualBoard(bench) as board:
         cost = board.session.request(ask)
-        found = clocks_of_every_place(board)
+        result = clocks_of_every_place(board)
     assert without is not None
     assert cost is not None
     assert cost.overhead_cycles == without.overhead_cycles + edge  # it is there
-    assert found == clocks
-    measured = solved(found)
+    assert result == clocks
+    measured = solved(result)
     assert measured.remarks == ()
     plain = load_profile(PLAIN)
     assert {name: row.band for name, row in measured.rows.items()} == {
@@ -475,7 +475,7 @@ def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mnemonics", "told"),
+    ("mnemonics", "answer"),
     [
         (("mul", "mla", "mls"), {"multiply", "multiply_chain"}),
         (("umull", "smull", "umlal", "smlal"), {"multiply_long", "multiply_long_chain"}),
@@ -489,16 +489,16 @@ def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
         (("vldmia",), {"fp_load_multiple"}),
         (("vstmia",), {"fp_store_multiple"}),
     ],
-    ids=lambda each: each[0].partition(".")[0] if isinstance(each, tuple) else "",
+    ids=lambda item: item[0].partition(".")[0] if isinstance(item, tuple) else "",
 )
 def test_a_class_of_the_kernels_that_costs_more_than_others_of_its_row_is_told(
-    rig: Rig, mnemonics: tuple[str, ...], told: set[str]
+    rig: Rig, mnemonics: tuple[str, ...], answer: set[str]
 ) -> None:
     def more(_address: int, text: str) -> int:
         return int(text.split()[0].removesuffix(".w") in mnemonics)
 
     clocks = clocks_of_dearer_board(rig, more, PLAIN)
-    assert {remark.split(":")[0] for remark in solved(clocks).remarks} == told
+    assert {remark.split(":")[0] for remark in solved(clocks).remarks} == answer
 
 
 def test_a_result_that_comes_later_than_the_model_knows_is_told_and_the_profile_can_be_read(
@@ -536,7 +536,7 @@ def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_fo
     name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
     rows = tomllib.loads((tmp_path / f"{name}.toml").read_text(encoding="utf-8"))["cost"]
     assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(rows)} rows"
-    assert {each.row for each in EQUATIONS} <= rows.keys()
+    assert {equation.row for equation in EQUATIONS} <= rows.keys()
     assert re.search(r"^ ?fp_accumulate +3 +3 +2 to 3", done.stdout, re.M)
     assert "Code in flash takes the same clocks, with its cache and prefetch on and off." in done.stdout
     profile = load_profile(str(tmp_path / f"{name}.toml"))
@@ -551,7 +551,7 @@ OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sra
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("there", "code"),
+    ("text", "code"),
     [
         (OF_THIS_BOARD, 0),
         (OF_THIS_BOARD.replace(MEASURED, "silicon-12"), 4),
@@ -561,9 +561,9 @@ OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sra
     ],
     ids=["this board's", "another's", "empty", "notes", "written by hand"],
 )
-def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path, there: str, code: int) -> None:
+def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path, text: str, code: int) -> None:
     file = tmp_path / "x.toml"
-    file.write_text(there, encoding="utf-8")
+    file.write_text(text, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "x.toml"],
         cwd=tmp_path,
@@ -573,7 +573,7 @@ def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path,
         timeout=120,
     )
     assert done.returncode == code, done.stderr
-    assert (file.read_text(encoding="utf-8") == there) is bool(code)
+    assert (file.read_text(encoding="utf-8") == text) is bool(code)
     refused = f"x.toml exists, is not a measured profile {MEASURED}, and is not overwritten"
     assert (refused in done.stderr) is bool(code)
 
@@ -589,7 +589,7 @@ def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
     clocks: dict[str, int], tmp_path: Path, changed: dict[str, int], row: str, remark: str
 ) -> None:
     measured = solved(clocks | changed)
-    assert any(each.startswith(f"{row}: ") and each.endswith(remark) for each in measured.remarks)
+    assert any(item.startswith(f"{row}: ") and item.endswith(remark) for item in measured.remarks)
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     assert load_profile(str(tmp_path / "measured.toml")).rows[row] == measured.rows[row]
 

@@ -33,6 +33,8 @@ def hand_turned(seed: int, count: int) -> NDArray[np.float64]:
 
 def lasting(random: np.random.Generator, count: int, lasting_s: float) -> NDArray[np.float64]:
     """Return noise of variance 1 at 20 Hz, shape (count, 3), that is correlated over a time, an AR(1)."""
-    left = np.exp(-1.0 / (_RATE_HZ * lasting_s))
-    noise: NDArray[np.float64] = lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], random.normal(size=(count, 3)), axis=0)
+    remainder = np.exp(-1.0 / (_RATE_HZ * lasting_s))
+    noise: NDArray[np.float64] = lfilter(
+        [np.sqrt(1.0 - remainder**2)], [1.0, -remainder], random.normal(size=(count, 3)), axis=0
+    )
     return noise

@@ -63,7 +63,7 @@ class Shots:
         content = json.loads(path.read_text(encoding="utf-8"))
         if "shots" in content:
             flat = (np.array(content["shots"][kind], dtype=float) for kind in ("mag", "grav"))
-            points, acceleration = (each[np.isfinite(each)].reshape(-1, 3) for each in flat)
+            points, acceleration = (item[np.isfinite(item)].reshape(-1, 3) for item in flat)
         else:
             points = np.array(content["mag"]) @ _SAP6_MAGNETOMETER.matrix.T
             acceleration = np.array(content["grav"]) @ _SAP6_ACCELEROMETER.matrix.T
@@ -83,6 +83,6 @@ def repeats_within_deg(field: Reals, gravity: Reals) -> float:
     world_from_body = np.stack([axis / np.linalg.norm(axis, axis=1, keepdims=True) for axis in axes], axis=1)
     mean = world_from_body.mean(axis=0)
     aim = np.linalg.eigh(mean.T @ mean)[1][:, -1]
-    seen, middle = world_from_body @ aim, mean @ aim
-    angles = np.arctan2(np.linalg.norm(np.cross(seen, middle), axis=1), seen @ middle)
+    observed, middle = world_from_body @ aim, mean @ aim
+    angles = np.arctan2(np.linalg.norm(np.cross(observed, middle), axis=1), observed @ middle)
     return math.degrees(float(np.sqrt(np.mean(angles**2))))

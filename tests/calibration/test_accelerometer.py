@@ -44,7 +44,7 @@ def pose_of(counts: np.ndarray, face: Face = Face.NONE, spread: np.ndarray | Non
 def faces_read(part: np.ndarray, offset_g: np.ndarray, gravity_g: np.ndarray = FACE_GRAVITY_G) -> list[StillPose]:
     """What a part reads on the six faces: ``counts = 8192 (part @ gravity + offset)``."""
     counts = COUNTS_PER_G * (gravity_g @ part.T + offset_g)
-    return [pose_of(each, face) for each, face in zip(counts, FACES, strict=True)]
+    return [pose_of(count, face) for count, face in zip(counts, FACES, strict=True)]
 
 
 def truth(part: np.ndarray, offset_g: np.ndarray) -> AccelerometerFit:
@@ -54,15 +54,15 @@ def truth(part: np.ndarray, offset_g: np.ndarray) -> AccelerometerFit:
 @given(part=_gains, offset_g=_offsets, order=st.permutations(range(6)))
 def test_six_faces_give_any_linear_error_exactly(part: np.ndarray, offset_g: np.ndarray, order: Sequence[int]) -> None:
     poses = faces_read(part, offset_g)
-    found = fit_six_position([poses[index] for index in order] + [pose_of(np.array([5.0, 5.0, 5.0]))])
-    wanted = truth(part, offset_g)
-    assert (found.status, found.faces, found.pose) == (AccelerometerStatus.OK, (), None)
-    assert np.allclose(found.fit.gain, wanted.gain, rtol=0, atol=EXACT / COUNTS_PER_G)
-    assert np.allclose(found.fit.offset, wanted.offset, rtol=0, atol=EXACT * COUNTS_PER_G)
-    assert found.residual_mg < 1e3 * EXACT
+    result = fit_six_position([poses[index] for index in order] + [pose_of(np.array([5.0, 5.0, 5.0]))])
+    expected = truth(part, offset_g)
+    assert (result.status, result.faces, result.pose) == (AccelerometerStatus.OK, (), None)
+    assert np.allclose(result.fit.gain, expected.gain, rtol=0, atol=EXACT / COUNTS_PER_G)
+    assert np.allclose(result.fit.offset, expected.offset, rtol=0, atol=EXACT * COUNTS_PER_G)
+    assert result.residual_mg < 1e3 * EXACT
     # An angle from cosine and sine of it: good to an ulp, 1e-14 degrees here.
-    assert axis_error_deg(found.fit, wanted) < 1e-8
-    assert offset_error_mg(found.fit, wanted) < 1e3 * EXACT
+    assert axis_error_deg(result.fit, expected) < 1e-8
+    assert offset_error_mg(result.fit, expected) < 1e3 * EXACT
 
 
 def test_a_face_is_worked_out_by_hand() -> None:
@@ -79,10 +79,10 @@ def test_faces_that_are_all_turned_alike_leave_that_rotation_and_no_residual(
 ) -> None:
     axis = rotation_body_from_ned(Pose(heading))
     turned = axis.T @ rotation_body_from_ned(Pose(3.0, pitch, roll)) @ axis
-    found = fit_six_position(faces_read(part, offset_g, FACE_GRAVITY_G @ turned.T))
-    assert found.status is AccelerometerStatus.OK
-    assert found.residual_mg < 1e3 * EXACT
-    assert np.allclose(found.fit.gain @ part * COUNTS_PER_G, turned.T, atol=EXACT)
+    result = fit_six_position(faces_read(part, offset_g, FACE_GRAVITY_G @ turned.T))
+    assert result.status is AccelerometerStatus.OK
+    assert result.residual_mg < 1e3 * EXACT
+    assert np.allclose(result.fit.gain @ part * COUNTS_PER_G, turned.T, atol=EXACT)
 
 
 @pytest.mark.parametrize("tilted", FACES)
@@ -90,10 +90,10 @@ def test_one_face_askew_moves_no_offset_and_is_half_seen_in_the_middle_of_its_pa
     askew = FACE_GRAVITY_G.copy()
     across = np.roll(FACE_GRAVITY_G[tilted], 1)  # another axis, at a right angle
     askew[tilted] = math.cos(0.01) * askew[tilted] + math.sin(0.01) * across
-    found = fit_six_position(faces_read(np.eye(3), np.zeros(3), askew))
+    result = fit_six_position(faces_read(np.eye(3), np.zeros(3), askew))
     # Its norm is 1 g all the same; what is left is of second order. Least squares take a third of 10 mg for offset.
-    assert offset_error_mg(found.fit, NOMINAL) < 1000.0 * 0.01**2
-    assert found.residual_mg == pytest.approx(10.0 / 2.0 * math.sqrt(2.0 / 6.0), rel=0.01)
+    assert offset_error_mg(result.fit, NOMINAL) < 1000.0 * 0.01**2
+    assert result.residual_mg == pytest.approx(10.0 / 2.0 * math.sqrt(2.0 / 6.0), rel=0.01)
 
 
 def laid_down(random: np.random.Generator, askew_deg: float, noise_mg: float) -> tuple[AccelerometerFit, np.ndarray]:
@@ -117,22 +117,22 @@ def test_norms_keep_offset_and_gain_whatever_the_faces_are(
     random = np.random.default_rng(5)
     offsets, gains, across, askew = [], [], [], []
     for _ in range(400):
-        wanted, read_g = laid_down(random, askew_deg, noise_mg)
-        found = fit_six_position([pose_of(COUNTS_PER_G * g, face) for g, face in zip(read_g, FACES, strict=True)])
-        left = found.fit.gain @ np.linalg.inv(wanted.gain)
-        offsets.append(1000.0 / COUNTS_PER_G * (found.fit.offset - wanted.offset))
-        gains.append(100.0 * (np.diag(left) - 1.0))
-        across.append(np.degrees(left[~np.eye(3, dtype=bool)]))
-        askew.append(found.faces_askew_deg)
+        expected, read_g = laid_down(random, askew_deg, noise_mg)
+        result = fit_six_position([pose_of(COUNTS_PER_G * g, face) for g, face in zip(read_g, FACES, strict=True)])
+        remainder = result.fit.gain @ np.linalg.inv(expected.gain)
+        offsets.append(1000.0 / COUNTS_PER_G * (result.fit.offset - expected.offset))
+        gains.append(100.0 * (np.diag(remainder) - 1.0))
+        across.append(np.degrees(remainder[~np.eye(3, dtype=bool)]))
+        askew.append(result.faces_askew_deg)
     # Measured 0.07, 0.14 and 0.24 mg, 0.007, 0.015 and 0.025 %; what 1200 of them scatter by is 2 %. The last mean of
     # a pair is all that the norms leave of the noise: 1 / sqrt(2). Least squares: 5.9 mg at 1 degree.
     assert np.sqrt(np.mean(np.square(offsets))) < offset_mg
     assert np.sqrt(np.mean(np.square(gains))) < gain_percent
     # Noise of the readings is askew, too. 400 times six angles: 1.4 %, here three of it.
-    seen = math.hypot(askew_deg, math.degrees(1e-3 * noise_mg) * math.sqrt(2.0))
-    assert np.sqrt(np.mean(np.square(askew))) == pytest.approx(seen, rel=0.05 if askew_deg else 0.1)
+    observed = math.hypot(askew_deg, math.degrees(1e-3 * noise_mg) * math.sqrt(2.0))
+    assert np.sqrt(np.mean(np.square(askew))) == pytest.approx(observed, rel=0.05 if askew_deg else 0.1)
     # That the angle is itself known from six only makes the axes worse than with a known one, by a tenth.
-    assert np.sqrt(np.mean(np.square(across))) < 1.1 * axes_uncertainty_deg(seen) + 0.001
+    assert np.sqrt(np.mean(np.square(across))) < 1.1 * axes_uncertainty_deg(observed) + 0.001
 
 
 def test_what_askew_faces_leave_of_an_axis_is_their_share_at_first_and_the_parts_own_at_last() -> None:
@@ -152,8 +152,8 @@ def test_six_readings_that_no_ellipsoid_meets_are_refused() -> None:
             [0.02, -0.14, -0.73],
         ]
     )
-    found = fit_six_position([pose_of(COUNTS_PER_G * each, face) for each, face in zip(leaning, FACES, strict=True)])
-    assert (found.status, found.fit) == (AccelerometerStatus.NOT_AN_ELLIPSOID, NOMINAL)
+    result = fit_six_position([pose_of(COUNTS_PER_G * item, face) for item, face in zip(leaning, FACES, strict=True)])
+    assert (result.status, result.fit) == (AccelerometerStatus.NOT_AN_ELLIPSOID, NOMINAL)
 
 
 POSES = faces_read(np.eye(3), np.zeros(3))
@@ -189,7 +189,7 @@ SHAKEN = np.array([10.0, 10.0, 60.0])
         ),
         ([*POSES[:5], pose_of(np.zeros(3), Face.MINUS_Z)], AccelerometerStatus.MISPLACED_FACE, (Face.MINUS_Z,), 5),
         (
-            [replace(each, accelerometer=2 * each.accelerometer) for each in POSES],
+            [replace(pose, accelerometer=2 * pose.accelerometer) for pose in POSES],
             AccelerometerStatus.MISPLACED_FACE,
             FACES,
             0,
@@ -206,38 +206,40 @@ SHAKEN = np.array([10.0, 10.0, 60.0])
 def test_faces_that_are_wrong_are_named(
     poses: list[StillPose], status: AccelerometerStatus, faces: tuple[Face, ...], pose: int | None
 ) -> None:
-    found = fit_six_position(poses)
-    assert (found.status, found.faces, found.pose) == (status, faces, pose)
-    assert found.fit is NOMINAL
+    result = fit_six_position(poses)
+    assert (result.status, result.faces, result.pose) == (status, faces, pose)
+    assert result.fit is NOMINAL
 
 
 def still_poses(part: np.ndarray, offset_g: np.ndarray, count: int) -> list[StillPose]:
-    return [pose_of(each) for each in COUNTS_PER_G * (sphere_directions(count) @ part.T + offset_g)]
+    return [pose_of(item) for item in COUNTS_PER_G * (sphere_directions(count) @ part.T + offset_g)]
 
 
 @given(part=_gains, offset_g=_offsets, count=st.integers(9, 40))
 def test_the_ellipsoid_finds_symmetric_errors_exactly(part: np.ndarray, offset_g: np.ndarray, count: int) -> None:
     symmetric = (part + part.T) / 2.0
-    found, wanted = fit_ellipsoid(still_poses(symmetric, offset_g, count)), truth(symmetric, offset_g)
-    assert found.status is AccelerometerStatus.OK
-    assert np.allclose(found.fit.gain, wanted.gain, rtol=0, atol=EXACT / COUNTS_PER_G)
-    assert np.allclose(found.fit.offset, wanted.offset, rtol=0, atol=EXACT * COUNTS_PER_G)
-    assert found.residual_mg < 1e3 * EXACT
+    ellipsoid, expected = fit_ellipsoid(still_poses(symmetric, offset_g, count)), truth(symmetric, offset_g)
+    assert ellipsoid.status is AccelerometerStatus.OK
+    assert np.allclose(ellipsoid.fit.gain, expected.gain, rtol=0, atol=EXACT / COUNTS_PER_G)
+    assert np.allclose(ellipsoid.fit.offset, expected.offset, rtol=0, atol=EXACT * COUNTS_PER_G)
+    assert ellipsoid.residual_mg < 1e3 * EXACT
 
 
 @given(part=_gains, offset_g=_offsets)
 def test_of_any_other_error_the_ellipsoid_leaves_exactly_its_rotation(part: np.ndarray, offset_g: np.ndarray) -> None:
-    found = fit_ellipsoid(still_poses(part, offset_g, 30))
-    left, _, right = np.linalg.svd(part)
-    assert np.allclose(found.fit.gain @ part * COUNTS_PER_G, left @ right, atol=EXACT)  # the polar rotation of part
-    assert found.residual_mg < 1e3 * EXACT
+    ellipsoid = fit_ellipsoid(still_poses(part, offset_g, 30))
+    remainder, _, right = np.linalg.svd(part)
+    assert np.allclose(
+        ellipsoid.fit.gain @ part * COUNTS_PER_G, remainder @ right, atol=EXACT
+    )  # the polar rotation of part
+    assert ellipsoid.residual_mg < 1e3 * EXACT
 
 
 def test_three_degrees_of_rotation_are_three_degrees_of_axis_error_for_the_ellipsoid_and_none_for_six_faces() -> None:
     part = rotation_body_from_ned(Pose(0.0, 0.0, 3.0))
-    wanted = truth(part, np.zeros(3))
-    assert axis_error_deg(fit_ellipsoid(still_poses(part, np.zeros(3), 20)).fit, wanted) == pytest.approx(3.0)
-    assert axis_error_deg(fit_six_position(faces_read(part, np.zeros(3))).fit, wanted) < 1e-8
+    expected = truth(part, np.zeros(3))
+    assert axis_error_deg(fit_ellipsoid(still_poses(part, np.zeros(3), 20)).fit, expected) == pytest.approx(3.0)
+    assert axis_error_deg(fit_six_position(faces_read(part, np.zeros(3))).fit, expected) < 1e-8
 
 
 @pytest.mark.parametrize(
@@ -262,5 +264,5 @@ def test_poses_that_determine_no_ellipsoid_are_refused(directions: np.ndarray, s
 def test_a_pose_that_moved_is_named_by_its_number() -> None:
     poses = still_poses(np.eye(3), np.zeros(3), 12)
     poses[7] = replace(poses[7], accelerometer_spread=SHAKEN)
-    found = fit_ellipsoid(poses)
-    assert (found.status, found.pose) == (AccelerometerStatus.MOVED, 7)
+    ellipsoid = fit_ellipsoid(poses)
+    assert (ellipsoid.status, ellipsoid.pose) == (AccelerometerStatus.MOVED, 7)

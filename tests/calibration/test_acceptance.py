@@ -47,8 +47,8 @@ def test_each_threshold_allows_its_value_and_nothing_beyond(
 ) -> None:
     if allowed is not None:
         assert rate(replace(_GOOD, **{figure: allowed}))[0] is Acceptance.GOOD
-    found, (reason,) = rate(replace(_GOOD, **{figure: broken}))
-    assert found is reason.verdict is verdict
+    result, (reason,) = rate(replace(_GOOD, **{figure: broken}))
+    assert result is reason.verdict is verdict
     assert reason.figure == figure
     assert reason.meaning
 

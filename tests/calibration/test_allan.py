@@ -78,7 +78,7 @@ def test_a_wrong_unit_or_rate_of_sampling_is_as_wrong_as_it_is(two_hours: np.nda
 def test_in_68_of_100_logs_the_true_numbers_are_within_their_intervals() -> None:
     """White noise and flicker, whose density is one, and the deviation what both make."""
     n, rate_hz, walk, instability = 20_000, 10.0, 0.1, 0.05
-    found, hits = [], []
+    results, hits = [], []
     for seed in range(40):
         rng = np.random.default_rng(seed)
         curve = allan_curve(
@@ -87,20 +87,20 @@ def test_in_68_of_100_logs_the_true_numbers_are_within_their_intervals() -> None
             rate_hz=rate_hz,
         )
         (reading,) = curve.readings
-        found.append((value(reading.angle_random_walk), value(reading.bias_instability)))
+        results.append((value(reading.angle_random_walk), value(reading.bias_instability)))
         truth = np.sqrt(walk**2 / curve.tau_s + FLICKER * instability**2)
         within = (curve.low[:, 0] <= truth) & (truth <= curve.high[:, 0])
         hits.append(
             [
                 *within[::12],
                 *(
-                    each is not None and each.low <= true <= each.high
-                    for each, true in ((reading.angle_random_walk, walk), (reading.bias_instability, instability))
+                    item is not None and item.low <= true <= item.high
+                    for item, true in ((reading.angle_random_walk, walk), (reading.bias_instability, instability))
                 ),
             ]
         )
     # B comes out 3 % low, a third of one log's uncertainty: K, which is never negative, takes some of the flat part.
-    assert np.mean(found, axis=0) == pytest.approx((walk, instability), rel=0.05)
+    assert np.mean(results, axis=0) == pytest.approx((walk, instability), rel=0.05)
     # 40 logs show 0.68 with a deviation of 0.074: all columns within three of them, and together within 0.08.
     assert np.abs(np.mean(hits, axis=0) - 0.68).max() < 0.22
     assert np.mean(hits) == pytest.approx(0.68, abs=0.08)

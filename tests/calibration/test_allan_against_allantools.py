@@ -53,10 +53,10 @@ def test_the_kind_of_noise_is_told_as_theirs_tells_it(name: str) -> None:
         # Of 200 averages and more; with fewer, theirs takes white noise for another kind in one case of five.
         sizes = [m for m in averages(N).tolist() if 200 * m <= N]
         theirs = [min(2, allantools.autocorr_noise_id(theta, m)[0]) for m in sizes]
-        found = noise_exponents(theta, sizes)
-        assert found == theirs
+        result = noise_exponents(theta, sizes)
+        assert result == theirs
         if alpha != -1:  # flicker lies between, and is taken for a random walk now and then
-            assert set(found) == {alpha}
+            assert set(result) == {alpha}
 
 
 def test_few_averages_of_white_noise_are_not_taken_for_a_quieter_kind() -> None:

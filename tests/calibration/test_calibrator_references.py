@@ -69,15 +69,15 @@ def test_an_ellipsoid_along_the_axes_is_found_as_derived_by_hand() -> None:
 @pytest.mark.parametrize("cloud", CLOUDS, ids=lambda path: path.stem)
 def test_closed_forms_match_exact_arithmetic(name: str, cloud: Path) -> None:
     golden = json.loads(cloud.read_text())
-    fit, wanted = reference(name)(golden["points"]), golden[name]
-    assert fit.status.name == wanted["status"]
-    assert fit.is_sphere == wanted["is_sphere"]
-    assert fit.iterations == wanted.get("iterations", 0)
-    soft_iron = np.array(wanted["soft_iron"]).reshape(3, 3)
+    fit, expected = reference(name)(golden["points"]), golden[name]
+    assert fit.status.name == expected["status"]
+    assert fit.is_sphere == expected["is_sphere"]
+    assert fit.iterations == expected.get("iterations", 0)
+    soft_iron = np.array(expected["soft_iron"]).reshape(3, 3)
     assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=EXACT * soft_iron.max())
-    assert np.allclose(fit.hard_iron, wanted["hard_iron"], rtol=0, atol=EXACT / soft_iron[0, 0])
-    if wanted["coverage"] is not None:
-        assert fit.coverage == pytest.approx(wanted["coverage"], rel=1e-9)
+    assert np.allclose(fit.hard_iron, expected["hard_iron"], rtol=0, atol=EXACT / soft_iron[0, 0])
+    if expected["coverage"] is not None:
+        assert fit.coverage == pytest.approx(expected["coverage"], rel=1e-9)
 
 
 @given(seed=st.integers(0, 10_000), about_z=_angle, about_x=_angle, offset=_offset)

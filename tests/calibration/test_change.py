@@ -18,7 +18,7 @@ _FIELD_UT, _COUNT = 47.4, 1200
 @pytest.mark.parametrize(("percent", "least"), [(6.0, 19), (4.0, 15), (30.0, 19)])
 def test_steps_are_found_where_they_are(percent: float, least: int) -> None:
     """At 30, 50 and 70 % of a log of a minute, with 0.3 uT of white noise and 0.3 uT that lasts for a second."""
-    found = 0
+    result = 0
     for seed in range(20):
         points, row = hand_turned(seed, _COUNT), _COUNT * (3, 5, 7)[seed % 3] // 10
         step = percent / 100.0 * _FIELD_UT * sphere_directions(20)[seed]
@@ -26,8 +26,8 @@ def test_steps_are_found_where_they_are(percent: float, least: int) -> None:
         change = find_change(points)
         # Two blocks of 80, and half of the step: what is located elsewhere is not found.
         if change is not None and abs(change.row - row) <= _COUNT // 40:
-            found += bool(np.linalg.norm(change.step - step) < 0.5 * np.linalg.norm(step))
-    assert found >= least
+            result += bool(np.linalg.norm(change.step - step) < 0.5 * np.linalg.norm(step))
+    assert result >= least
 
 
 @pytest.mark.slow

@@ -30,8 +30,17 @@ def test_the_rows_are_those_of_the_definition() -> None:
     assert cloud is not None
     x, y, z = cloud.points.T
     two, six = np.sqrt(2.0), np.sqrt(6.0)
-    wanted = [(x * x - y * y) / two, (x * x + y * y - 2 * z * z) / six, two * x * y, two * x * z, two * y * z, x, y, z]
-    np.testing.assert_allclose(cloud.rows(), np.column_stack([*wanted, np.ones(20)]), atol=1e-14)
+    expected = [
+        (x * x - y * y) / two,
+        (x * x + y * y - 2 * z * z) / six,
+        two * x * y,
+        two * x * z,
+        two * y * z,
+        x,
+        y,
+        z,
+    ]
+    np.testing.assert_allclose(cloud.rows(), np.column_stack([*expected, np.ones(20)]), atol=1e-14)
 
 
 def test_a_whole_sphere_has_the_smallest_condition() -> None:

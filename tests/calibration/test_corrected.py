@@ -26,7 +26,7 @@ def direction_error_deg(fit_of, drawn: Instance) -> float:
 def median_errors_deg(count: int, covered: tuple[float, float], seeds: int) -> tuple[float, float]:
     """Return the medians of `direct` and `corrected` over the thesis' generator, noise 2.5 uT."""
     drawn = [instance(seed, count, noise_ut=NOISE_UT, covered=covered) for seed in range(seeds)]
-    direct, better = ([direction_error_deg(fit, each) for each in drawn] for fit in (fit_direct, fit_corrected))
+    direct, better = ([direction_error_deg(fit, draw) for draw in drawn] for fit in (fit_direct, fit_corrected))
     print(f"n = {count}, covered {covered}: direct {np.median(direct):.3f}, corrected {np.median(better):.3f} deg")
     return float(np.median(direct)), float(np.median(better))
 
@@ -82,13 +82,13 @@ def test_the_newton_step_follows_the_slope_of_the_smallest_sum_of_squares() -> N
 def test_the_noise_comes_out_of_the_steps() -> None:
     """The spread of an estimate from n points is sigma / sqrt(2 n): 2 % of it here, 0.3 % of the median of 50."""
     drawn = [instance(seed, 1000, noise_ut=NOISE_UT, covered=(0.7, 1.0)) for seed in range(50)]
-    found = []
-    for each in drawn:
-        points = points_array(each.points_counts)
+    results = []
+    for draw in drawn:
+        points = points_array(draw.points_counts)
         adjusted = corrected._newton(corrected.power_sums((points - mid_range(points)) / half_range(points)))
         assert adjusted is not None
-        found.append(half_range(points) * np.sqrt(adjusted.variance))
-    assert np.median(found) == pytest.approx(COUNTS_PER_UT * NOISE_UT, rel=0.01)
+        results.append(half_range(points) * np.sqrt(adjusted.variance))
+    assert np.median(results) == pytest.approx(COUNTS_PER_UT * NOISE_UT, rel=0.01)
 
 
 def test_a_third_step_would_change_nothing_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +96,7 @@ def test_a_third_step_would_change_nothing_that_matters(monkeypatch: pytest.Monk
     errors = {}
     for steps in (1, 2, 3):
         monkeypatch.setattr(corrected, "NEWTON_STEPS", steps)
-        errors[steps] = np.array([direction_error_deg(fit_corrected, each) for each in drawn])
+        errors[steps] = np.array([direction_error_deg(fit_corrected, draw) for draw in drawn])
     # A hundredth of the half degree that they err by, in nine of ten; some others are shrunk, and go on from there.
     assert np.percentile(np.abs(errors[3] - errors[2]), 90) < 0.005
     assert np.percentile(np.abs(errors[2] - errors[1]), 90) > 0.025

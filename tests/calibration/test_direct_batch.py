@@ -17,8 +17,8 @@ from ..instances import instance
 ROUNDING = 1e-12
 
 
-def points_of(seed: int, count: int, n: int, **given: object) -> np.ndarray:
-    return np.array([instance(seed + k, n, **given).points_counts for k in range(count)], dtype=float)  # type: ignore[arg-type]
+def points_of(seed: int, count: int, n: int, **arguments: object) -> np.ndarray:
+    return np.array([instance(seed + k, n, **arguments).points_counts for k in range(count)], dtype=float)  # type: ignore[arg-type]
 
 
 def condition(points: np.ndarray) -> float:
@@ -83,10 +83,10 @@ def test_noiseless_points_give_their_own_ellipsoid() -> None:
     directions = random.standard_normal((40, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     iron = np.array([[1.2, 0.1, 0.0], [0.1, 0.9, -0.2], [0.0, -0.2, 1.1]])
-    found = fit_quadrics(500.0 * directions @ iron + [300.0, -200.0, 100.0])
+    quadrics = fit_quadrics(500.0 * directions @ iron + [300.0, -200.0, 100.0])
     true = np.linalg.inv(iron @ iron)
     # 1e-12 over the condition number of M, some 50 here
-    np.testing.assert_allclose(found.shape, true / np.trace(true), rtol=0, atol=1e-10)
-    np.testing.assert_allclose(found.centre, [300.0, -200.0, 100.0], rtol=1e-10)
-    np.testing.assert_allclose(found.level, 500.0**2 / np.trace(true), rtol=1e-10)
-    assert found.is_ellipsoid
+    np.testing.assert_allclose(quadrics.shape, true / np.trace(true), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(quadrics.centre, [300.0, -200.0, 100.0], rtol=1e-10)
+    np.testing.assert_allclose(quadrics.level, 500.0**2 / np.trace(true), rtol=1e-10)
+    assert quadrics.is_ellipsoid

@@ -41,24 +41,24 @@ def _found_and_predicted(
 @pytest.mark.parametrize("calibrator", [fit_direct, fit_iterative])
 @pytest.mark.parametrize(("covered", "noise_ut"), [(1.0, 0.4), (1.0, 1.0), (0.5, 0.4)])
 def test_the_prediction_is_within_30_percent(calibrator: Calibrator, covered: float, noise_ut: float) -> None:
-    found, predicted, _ = _found_and_predicted(calibrator, covered=covered, noise_ut=noise_ut, count=100)
-    assert predicted == pytest.approx(found, rel=0.3)
+    result, predicted, _ = _found_and_predicted(calibrator, covered=covered, noise_ut=noise_ut, count=100)
+    assert predicted == pytest.approx(result, rel=0.3)
 
 
 @pytest.mark.slow  # 500 draws
 def test_on_half_a_sphere_the_bias_is_most_of_the_error() -> None:
-    found, predicted, spread = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)
-    assert predicted == pytest.approx(found, rel=0.3)
-    assert spread < 0.3 * found, "without the bias the prediction would be far too good"
+    result, predicted, spread = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)
+    assert predicted == pytest.approx(result, rel=0.3)
+    assert spread < 0.3 * result, "without the bias the prediction would be far too good"
 
 
 @pytest.mark.slow
 def test_what_corrected_leaves_is_the_spread() -> None:
     """The bias that `direct` has on the same half is not there, and not predicted where it is said to be gone."""
     biased, _, _ = _found_and_predicted(fit_direct, covered=0.5, noise_ut=1.0, count=1000)
-    found, _, spread = _found_and_predicted(fit_corrected, covered=0.5, noise_ut=1.0, count=1000)
-    assert spread == pytest.approx(found, rel=0.3)
-    assert found < biased / 3.0
+    result, _, spread = _found_and_predicted(fit_corrected, covered=0.5, noise_ut=1.0, count=1000)
+    assert spread == pytest.approx(result, rel=0.3)
+    assert result < biased / 3.0
     points = instance(3, 1000, noise_ut=1.0, covered=(0.5, 0.5)).points_counts
     predicted = predicted_direction_error(points, fit_corrected(points), unbiased=True)
     assert predicted is not None
@@ -75,8 +75,8 @@ def test_four_times_the_points_halve_the_spread_and_leave_the_bias() -> None:
     few, many = (
         [predicted(count, seed) for seed in range(12)] for count in (500, 2000)
     )  # a variance from 20 blocks is known to 32 %, the root of 12 of them to 5 %
-    spread_few, spread_many = (np.sqrt(np.mean([each.spread_deg**2 for each in errors])) for errors in (few, many))
-    bias_few, bias_many = (np.mean([each.bias_deg for each in errors]) for errors in (few, many))
+    spread_few, spread_many = (np.sqrt(np.mean([error.spread_deg**2 for error in errors])) for errors in (few, many))
+    bias_few, bias_many = (np.mean([error.bias_deg for error in errors]) for errors in (few, many))
     # 20 %: 3 standard deviations of the quotient of two such roots, and 5 % for the directions drawn.
     assert spread_many == pytest.approx(spread_few / 2.0, rel=0.2)
     assert bias_many == pytest.approx(bias_few, rel=0.15)
@@ -84,15 +84,15 @@ def test_four_times_the_points_halve_the_spread_and_leave_the_bias() -> None:
 
 @pytest.mark.slow  # sixty logs
 def test_noise_that_lasts_a_second_is_predicted_as_it_is() -> None:
-    found, predicted = [], []
+    results, predicted = [], []
     for seed in range(60):
         points = hand_turned(seed, 2400)
         fit = fit_corrected(points)
         error = predicted_direction_error(points, fit, unbiased=True)
         assert error is not None
         predicted.append(error.rms_deg)
-        found.append(direction_difference_rms_deg(fit, TRUTH))
-    ratio = np.sqrt(np.mean(np.square(found)) / np.mean(np.square(predicted)))
+        results.append(direction_difference_rms_deg(fit, TRUTH))
+    ratio = np.sqrt(np.mean(np.square(results)) / np.mean(np.square(predicted)))
     # Independent noise of the same residual would be predicted five times too small.
     assert 0.8 < ratio < 1.3
 

@@ -61,13 +61,13 @@ def worst_heading_of(fit: DpiFit, drawn: DpiInstance) -> float:
 
 
 @pytest.mark.parametrize("dip_deg", [5.0, -5.0, 62.0, -62.0, 80.0])
-@pytest.mark.parametrize("given", [True, False])
-def test_it_is_exact_on_data_without_noise(dip_deg: float, given: bool) -> None:
+@pytest.mark.parametrize("arguments", [True, False])
+def test_it_is_exact_on_data_without_noise(dip_deg: float, arguments: bool) -> None:
     turns = Rotation.random(300, random_state=1).as_matrix()
     soft_iron = Rotation.from_rotvec([0.1, -0.2, 0.15]).as_matrix() @ np.diag([0.8, 1.1, 1.2])
     true = turns @ field_ned(dip_deg)
     points = 485.0 * true @ soft_iron.T + [1200.0, -700.0, 300.0]
-    fit = fit_dpi(points, turns[:, :, 2], dip_deg=dip_deg if given else None)
+    fit = fit_dpi(points, turns[:, :, 2], dip_deg=dip_deg if arguments else None)
     assert fit.status is FitStatus.ELLIPSOID
     # float64 carries 2e-16, and the least squares are worse conditioned by 1 / sin(5 deg)^2 at most: 130.
     assert np.abs(fit.calibration.corrected(points) - true).max() < 1e-11
@@ -117,7 +117,7 @@ def test_without_a_dip_the_corrected_points_have_norm_one() -> None:
 @pytest.mark.parametrize("dip_deg", [5.0, -5.0])
 def test_it_works_at_five_degrees_of_dip(dip_deg: float) -> None:
     drawn = [dpi_instance(seed, dip_deg=dip_deg) for seed in range(100)]
-    fits = [fitted(each, dip_deg=dip_deg) for each in drawn]
+    fits = [fitted(draw, dip_deg=dip_deg) for draw in drawn]
     assert {fit.status for fit in fits} == {FitStatus.ELLIPSOID}
     # The horizontal field is 48 uT instead of 23 there: headings are twice as good as at 62 degrees.
     assert max(worst_heading_of(*pair) for pair in zip(fits, drawn, strict=True)) < 1.0
@@ -132,7 +132,7 @@ def test_it_works_at_five_degrees_of_dip(dip_deg: float) -> None:
 def test_a_field_that_is_too_horizontal_is_refused(
     readings: int, count: int, refused_deg: float, works_deg: float
 ) -> None:
-    for dip_deg, wanted in [
+    for dip_deg, expected in [
         (0.0, FitStatus.HORIZONTAL_FIELD),
         (refused_deg, FitStatus.HORIZONTAL_FIELD),
         (works_deg, FitStatus.ELLIPSOID),
@@ -140,9 +140,9 @@ def test_a_field_that_is_too_horizontal_is_refused(
         for seed in range(30):
             drawn = dpi_instance(seed, count, dip_deg=dip_deg, readings=readings)
             fit = fit_dpi(drawn.magnetometer, drawn.gravity_g, readings=readings)
-            assert fit.status is wanted, f"seed {seed}, dip {dip_deg}"
+            assert fit.status is expected, f"seed {seed}, dip {dip_deg}"
             assert fit.n_used == count
-            assert not (fit.calibration.has_fit and wanted is FitStatus.HORIZONTAL_FIELD)
+            assert not (fit.calibration.has_fit and expected is FitStatus.HORIZONTAL_FIELD)
 
 
 def test_a_dip_given_as_horizontal_is_refused_too() -> None:
@@ -193,15 +193,15 @@ def test_a_hundred_single_pairs_exceed_two_degrees_in_one_of_a_hundred_seeds() -
     assert all_of_them == 0.0
 
 
-@pytest.mark.parametrize("what", ["gravity's sign", "the dip's sign", "two axes swapped", "one axis reversed"])
-def test_a_reflection_is_refused_by_name(what: str) -> None:
+@pytest.mark.parametrize("case", ["gravity's sign", "the dip's sign", "two axes swapped", "one axis reversed"])
+def test_a_reflection_is_refused_by_name(case: str) -> None:
     drawn = dpi_instance(5, dip_deg=60.0)
     points, gravity, dip_deg = drawn.magnetometer.astype(float), drawn.gravity_g, 60.0
-    if what == "gravity's sign":
+    if case == "gravity's sign":
         gravity = -gravity
-    elif what == "the dip's sign":
+    elif case == "the dip's sign":
         dip_deg = -dip_deg
-    elif what == "two axes swapped":
+    elif case == "two axes swapped":
         points = points[:, [1, 0, 2]]
     else:
         points = points * [1.0, -1.0, 1.0]
@@ -261,8 +261,8 @@ def _trial(seed: int) -> tuple[float, float, float]:
 
     def reading(vectors: np.ndarray, matrix: np.ndarray, offset: np.ndarray, noise: float) -> np.ndarray:
         # Ten thousand to one: finer than the noise, and the calibrators' limits are made for counts.
-        found: np.ndarray = 1e4 * (vectors @ matrix.T + offset + noise * random.standard_normal(vectors.shape))
-        return found
+        result: np.ndarray = 1e4 * (vectors @ matrix.T + offset + noise * random.standard_normal(vectors.shape))
+        return result
 
     soft_iron, hard_iron = distortion(8.0, 0.2), random.uniform(-0.5, 0.5, 3)
     gains, offset = distortion(0.5, 0.05), random.uniform(-0.05, 0.05, 3)

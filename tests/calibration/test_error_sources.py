@@ -20,7 +20,7 @@ OFF_DIAGONAL = np.array([[1, 0.03, 0], [0.03, 1, -0.02], [0, -0.02, 1]])
 
 
 @pytest.mark.parametrize(
-    ("made", "source", "size"),
+    ("result", "source", "size"),
     [
         (FIELD + np.array([0.0124, 0, 0]), Source.OFFSET, [0.0124, 0, 0]),
         (FIELD + np.array([0, -0.01, 0.03]), Source.OFFSET, [0, -0.01, 0.03]),
@@ -33,9 +33,9 @@ OFF_DIAGONAL = np.array([[1, 0.03, 0], [0.03, 1, -0.02], [0, -0.02, 1]])
     ids=["offset", "offset all round", "scale", "soft iron", "rotation", "a large rotation", "constant"],
 )
 def test_the_source_that_was_made_explains_best_and_has_its_size(
-    made: np.ndarray, source: Source, size: list[float]
+    result: np.ndarray, source: Source, size: list[float]
 ) -> None:
-    first, second, *_ = error_sources(FIELD, made + NOISE, down=GRAVITY)
+    first, second, *_ = error_sources(FIELD, result + NOISE, down=GRAVITY)
     assert first.source is source
     # The criterion's difference of 10 is 150 to 1 in odds.
     assert second.criterion - first.criterion > 10

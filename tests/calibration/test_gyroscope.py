@@ -64,10 +64,10 @@ def test_the_bias_is_interpolated_to_the_middle_of_the_turn() -> None:
     ids=["sign", "axes swapped", "twice the scale", "radians"],
 )
 def test_a_wrong_sign_axis_or_unit_is_a_large_error(wrong: np.ndarray, scale_percent: float, angle_deg: float) -> None:
-    found = turn_about(np.array([0.0, 0, 360]), 16.0 * wrong).response
+    response = turn_about(np.array([0.0, 0, 360]), 16.0 * wrong).response
     truth = np.array([0.0, 0, 16.0])
-    assert scale_error_percent(found, truth) == pytest.approx(scale_percent, abs=0.01)
-    assert misalignment_deg(found, truth) == pytest.approx(angle_deg, abs=0.01)
+    assert scale_error_percent(response, truth) == pytest.approx(scale_percent, abs=0.01)
+    assert misalignment_deg(response, truth) == pytest.approx(angle_deg, abs=0.01)
 
 
 def test_the_error_of_one_turn_is_of_its_column() -> None:
@@ -98,8 +98,8 @@ X, Y, Z = (360.0 * axis for axis in np.eye(3))
 def test_turns_that_do_not_determine_the_matrix_are_named(
     turns: list[np.ndarray], status: TurnsStatus, at_fault: int | None
 ) -> None:
-    made = [turn_about(np.nan_to_num(turned)) for turned in turns]
-    fit = fit_turns([replace(each, turned_deg=turned) for each, turned in zip(made, turns, strict=True)])
+    results = [turn_about(np.nan_to_num(turned)) for turned in turns]
+    fit = fit_turns([replace(entry, turned_deg=turned) for entry, turned in zip(results, turns, strict=True)])
     assert (fit.status, fit.at_fault) == (status, at_fault)
     assert not fit.matrix.any()
 

@@ -173,9 +173,9 @@ def test_li_is_the_eigenvector_of_the_papers_equation_15() -> None:
     values, vectors = eig(np.linalg.solve(first, scatter[:6, :6] - scatter[:6, 6:] @ rest))
     a, b, c, f, g, h = vectors[:, values.real.argmax()].real
     linear = -(rest @ (a, b, c, f, g, h))[:3]
-    wanted = -500.0 * np.linalg.solve([[a, h, g], [h, b, f], [g, f, c]], linear)
+    expected = -500.0 * np.linalg.solve([[a, h, g], [h, b, f], [g, f, c]], linear)
     # Two ways to the same eigenvector: rounding times the condition.
-    assert np.allclose(reference("li")(points).hard_iron, wanted, atol=EXACT * 500.0)
+    assert np.allclose(reference("li")(points).hard_iron, expected, atol=EXACT * 500.0)
 
 
 def test_li_holds_no_ellipsoid_of_three_to_one() -> None:
@@ -205,14 +205,14 @@ def test_geometric_is_least_squares_over_points_of_the_surface_as_well() -> None
 
     start = points - points.mean(axis=0)
     angles = [np.arctan2(start[:, 1], start[:, 0]), np.arctan2(start[:, 2], np.hypot(*start[:, :2].T))]
-    found = least_squares(
+    result = least_squares(
         off, np.concatenate([points.mean(axis=0), [1, 0, 1, 0, 0, 1], *angles]), xtol=1e-15, ftol=1e-15, gtol=1e-15
     ).x
     matrix = np.zeros((3, 3))
-    matrix[np.tril_indices(3)] = found[3:9]
+    matrix[np.tril_indices(3)] = result[3:9]
     fit = reference("geometric")(points * 500.0)
     # Its derivatives are differences, good to 1e-8 of the parameters.
-    assert np.allclose(fit.hard_iron / 500.0, found[:3], atol=1e-6)
+    assert np.allclose(fit.hard_iron / 500.0, result[:3], atol=1e-6)
     assert np.allclose(np.linalg.inv(500.0 * fit.soft_iron @ fit.soft_iron * 500.0), matrix @ matrix.T, atol=1e-6)
 
 
@@ -239,9 +239,9 @@ def test_frosio_centred_is_scipys_least_squares_of_squared_norms() -> None:
         upper[np.triu_indices(3)] = parameters[3:]
         return ((upper @ (points - parameters[:3]).T) ** 2).sum(axis=0) - 1.0
 
-    found = least_squares(off, [0, 0, 0, 1, 0, 0, 1, 0, 1], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    result = least_squares(off, [0, 0, 0, 1, 0, 0, 1, 0, 1], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     fit = reference("frosio-centred")(500.0 * points)
-    assert np.allclose(fit.hard_iron / 500.0, found[:3], atol=1e-6)
+    assert np.allclose(fit.hard_iron / 500.0, result[:3], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["li", "fitzgibbon-ying"])
@@ -260,10 +260,10 @@ def test_fitzgibbons_ellipse_is_that_of_lsq_ellipse(name: str) -> None:
 
 def test_products_of_slopes_are_those_of_differences() -> None:
     points, step = _noisy(8, count=20) / 500.0, 1e-4
-    slopes = [(monomials(points + each) - monomials(points - each)) / (2.0 * step) for each in step * np.eye(3)]
-    wanted = sum(mean_products(slope) for slope in slopes)
+    slopes = [(monomials(points + item) - monomials(points - item)) / (2.0 * step) for item in step * np.eye(3)]
+    total = sum(mean_products(slope) for slope in slopes)
     # Central differences of a quadratic are exact but for rounding, 1e-16 over the step.
-    assert np.allclose(slope_products(mean_products(monomials(points)), 3), wanted, atol=1e-10)
+    assert np.allclose(slope_products(mean_products(monomials(points)), 3), total, atol=1e-10)
 
 
 def test_hyper_takes_out_the_bias_that_shrinks_the_ellipse_of_direct() -> None:

@@ -21,12 +21,12 @@ def filtered(rng: np.random.Generator, n: int) -> np.ndarray:
 
 def test_the_density_is_found_and_its_uncertainty_is_what_it_says() -> None:
     rng = np.random.default_rng(8)
-    found = [noise_density(filtered(rng, 2000), rate_hz=RATE_HZ) for _ in range(300)]
-    values = np.array([each.together for each in found]) / DENSITY
+    noise_densities = [noise_density(filtered(rng, 2000), rate_hz=RATE_HZ) for _ in range(300)]
+    values = np.array([density.together for density in noise_densities]) / DENSITY
     # The filter takes 0.9 % in this band; the mean of 300 with 2.4 % is known to 0.14 %.
     assert values.mean() == pytest.approx(1.0 - 0.009, abs=0.005)
-    assert values.std() == pytest.approx(found[0].relative_uncertainty, rel=0.15)  # 300 trials: 4 %
-    per_axis = np.array([each.per_axis for each in found]) / DENSITY
+    assert values.std() == pytest.approx(noise_densities[0].relative_uncertainty, rel=0.15)  # 300 trials: 4 %
+    per_axis = np.array([density.per_axis for density in noise_densities]) / DENSITY
     assert per_axis.mean(axis=0) == pytest.approx(np.full(3, 0.99), abs=0.01)
 
 

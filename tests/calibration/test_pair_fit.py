@@ -39,11 +39,11 @@ def test_any_rotation_of_one_sensor_against_the_other_is_found(seed: int, dip_de
     attitudes, rotation = Rotation.random(30, random_state=seed), Rotation.random(random_state=seed // 2)
     dip = np.radians(dip_deg)
     field = attitudes.apply([np.cos(dip), 0.0, np.sin(dip)])
-    found = fit_constant_dip(rotation.inv().apply(field), attitudes.apply([0.0, 0.0, 1.0]))
+    result = fit_constant_dip(rotation.inv().apply(field), attitudes.apply([0.0, 0.0, 1.0]))
     # Rounding of float64, 1e-16, by the slope of the least defined turn, cos(85 deg), squared in the variance.
-    np.testing.assert_allclose(found.rotation, rotation.as_matrix(), atol=1e-6)
-    assert found.angle_deg == pytest.approx(np.degrees(rotation.magnitude()), abs=1e-4)
-    assert found.spread < 1e-7
+    np.testing.assert_allclose(result.rotation, rotation.as_matrix(), atol=1e-6)
+    assert result.angle_deg == pytest.approx(np.degrees(rotation.magnitude()), abs=1e-4)
+    assert result.spread < 1e-7
 
 
 @pytest.mark.parametrize("name", PAIR_METHODS)
@@ -126,15 +126,15 @@ def shots(shared_data: Callable[[str], Path]) -> list[Shots]:  # noqa: F811
 
 def test_aligned_shots_repeat_as_they_should(shots: list[Shots]) -> None:
     """What a group of eight says that the calibration has not seen; the other sixteen shots made it."""
-    found: dict[str, list[float]] = {name: [] for name in METHODS}
+    results: dict[str, list[float]] = {name: [] for name in METHODS}
     for shot in shots:
         for aligned in ALIGNED:
-            kept = np.delete(np.arange(len(shot.points)), aligned)
+            stored = np.delete(np.arange(len(shot.points)), aligned)
             for name, method in METHODS.items():
-                fit = method(shot.points[kept], shot.acceleration[kept])
+                fit = method(shot.points[stored], shot.acceleration[stored])
                 field = fit.magnetometer.corrected(shot.points[aligned])
-                found[name].append(repeats_within_deg(field, fit.accelerometer.gravity_g(shot.acceleration[aligned])))
-    norms, turned, joint, dpi = (float(np.median(values)) for values in found.values())
+                results[name].append(repeats_within_deg(field, fit.accelerometer.gravity_g(shot.acceleration[aligned])))
+    norms, turned, joint, dpi = (float(np.median(values)) for values in results.values())
     # What a cave survey asks of an instrument.
     assert turned < 0.7
     assert joint < 0.7
@@ -149,8 +149,8 @@ def test_the_dip_held_out_orders_methods_as_aligned_shots_do(shots: list[Shots])
         for name, method in METHODS.items():
             groups = []
             for aligned in ALIGNED:
-                kept = np.delete(np.arange(len(shot.points)), aligned)
-                fit = method(shot.points[kept], shot.acceleration[kept])
+                stored = np.delete(np.arange(len(shot.points)), aligned)
+                fit = method(shot.points[stored], shot.acceleration[stored])
                 field = fit.magnetometer.corrected(shot.points[aligned])
                 groups.append(repeats_within_deg(field, fit.accelerometer.gravity_g(shot.acceleration[aligned])))
             wrong[name] = float(np.hypot(*groups))
@@ -168,5 +168,5 @@ def test_a_joint_fit_that_does_not_end_says_so(monkeypatch: pytest.MonkeyPatch) 
     from scipy import optimize
 
     whole = optimize.least_squares
-    monkeypatch.setattr(optimize, "least_squares", lambda *given, **how: whole(*given, **how, max_nfev=1))
+    monkeypatch.setattr(optimize, "least_squares", lambda *arguments, **how: whole(*arguments, **how, max_nfev=1))
     assert fit_joint(*still_pairs(4, 60)).magnetometer.status is FitStatus.NOT_CONVERGED

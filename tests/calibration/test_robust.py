@@ -95,14 +95,14 @@ def test_a_spoilt_log_is_calibrated_as_the_clean_one(defect: str, seed: int) -> 
     clean = _clean(seed)
     spoilt = clean.copy()
     _DEFECTS[defect](spoilt, np.random.default_rng(seed))
-    wanted = fit_corrected(clean)
-    predicted = predicted_direction_error(clean, wanted, unbiased=True)
+    expected = fit_corrected(clean)
+    predicted = predicted_direction_error(clean, expected, unbiased=True)
     assert predicted is not None
     got = fit_corrected(spoilt[~(outliers(spoilt) | repeats(spoilt))])
-    assert direction_difference_rms_deg(got, wanted) < max(1.0, 2.0 * predicted.rms_deg)
+    assert direction_difference_rms_deg(got, expected) < max(1.0, 2.0 * predicted.rms_deg)
     if "stuck" not in defect:
         # Without it the calibration is another one: the defect is one.
-        assert direction_difference_rms_deg(fit_corrected(spoilt), wanted) > max(1.0, 2.0 * predicted.rms_deg)
+        assert direction_difference_rms_deg(fit_corrected(spoilt), expected) > max(1.0, 2.0 * predicted.rms_deg)
 
 
 @pytest.mark.parametrize("seed", range(8))

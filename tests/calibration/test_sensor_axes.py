@@ -97,9 +97,9 @@ def test_a_heading_that_is_declared_wrongly_by_90_degrees_is_no_change_of_axes()
     ],
 )
 def test_a_board_that_is_mounted_turned_shows_it_in_both_sensors(axes: Axes, words: str) -> None:
-    found = seen(axes.matrix, axes.matrix)
-    assert str(found) == f"board (magnetometer and accelerometer alike): {words}"
-    assert found.explain_headings
+    result = seen(axes.matrix, axes.matrix)
+    assert str(result) == f"board (magnetometer and accelerometer alike): {words}"
+    assert result.explain_headings
 
 
 def test_two_sensors_that_are_wrong_differently_are_both_named() -> None:
@@ -120,10 +120,10 @@ def test_a_dip_of_the_opposite_sign_is_told_from_a_negated_axis_on_a_tilted_boar
 
 @pytest.mark.parametrize("axes", ALL_AXES, ids=lambda axes: str(axes) or "right")
 def test_a_level_board_shows_the_magnetometers_axes_with_a_known_hard_iron(axes: Axes) -> None:
-    found = seen(axes.matrix, tilts=LEVEL)
-    assert (found.magnetometer, found.accelerometer) == (axes, None)
+    result = seen(axes.matrix, tilts=LEVEL)
+    assert (result.magnetometer, result.accelerometer) == (axes, None)
     # About the vertical a turn of the part and one of the board look the same.
-    assert found.explain_headings is not (axes.order[2] == 2 and axes.signs[2] == 1 and not axes.are_left_handed)
+    assert result.explain_headings is not (axes.order[2] == 2 and axes.signs[2] == 1 and not axes.are_left_handed)
 
 
 def test_too_few_attitudes_determine_no_map() -> None:

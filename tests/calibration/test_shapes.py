@@ -48,8 +48,8 @@ def _cap(seed: int, covered: float, count: int = 300) -> tuple[Array, Array, Arr
     soft_iron, hard_iron = _soft_iron(random, 3), 20.0 * random.normal(size=3)
     directions = random.normal(size=(int(4 * count / covered), 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    seen = directions[directions @ sphere_directions(50)[seed % 50] > 1.0 - 2.0 * covered][:count]
-    points = 48.0 * seen @ soft_iron + hard_iron + random.normal(0.0, 0.4, (len(seen), 3))
+    direction = directions[directions @ sphere_directions(50)[seed % 50] > 1.0 - 2.0 * covered][:count]
+    points = 48.0 * direction @ soft_iron + hard_iron + random.normal(0.0, 0.4, (len(direction), 3))
     return points, 48.0 * sphere_directions() @ soft_iron + hard_iron, sphere_directions()
 
 
@@ -69,16 +69,16 @@ def _rms(values: list[float]) -> float:
     ],
 )
 def test_a_turn_gives_headings_within_the_stated_error(shape: Shape, arc_deg: float, at_most_deg: float) -> None:
-    found, stated = [], []
+    results, stated = [], []
     for seed in range(60):
         points, readings, directions = _turn(seed, arc_deg, tilted=True)
         got = fit_shape(points, shape)
         assert got.error is not None
-        found.append(direction_error_rms_deg(got.fit, readings, directions))
+        results.append(direction_error_rms_deg(got.fit, readings, directions))
         stated.append(got.error.rms_deg)
-    assert _rms(found) < at_most_deg
+    assert _rms(results) < at_most_deg
     # 60 draws know the rms of one error to 10 % each, and its mean square is not normal: 25 %.
-    assert _rms(found) == pytest.approx(_rms(stated), rel=0.25)
+    assert _rms(results) == pytest.approx(_rms(stated), rel=0.25)
 
 
 @pytest.mark.parametrize(
@@ -88,30 +88,30 @@ def test_a_turn_gives_headings_within_the_stated_error(shape: Shape, arc_deg: fl
 def test_part_of_a_sphere_gives_directions_within_the_stated_error(
     shape: Shape, covered: float, at_most_deg: float
 ) -> None:
-    found, stated = [], []
+    results, stated = [], []
     for seed in range(40):
         points, readings, directions = _cap(seed, covered)
         got = fit_shape(points, shape)
         assert got.error is not None
-        found.append(direction_error_rms_deg(got.fit, readings, directions))
+        results.append(direction_error_rms_deg(got.fit, readings, directions))
         stated.append(got.error.rms_deg)
-    assert _rms(found) < at_most_deg
-    assert _rms(found) == pytest.approx(_rms(stated), rel=0.25)
+    assert _rms(results) < at_most_deg
+    assert _rms(results) == pytest.approx(_rms(stated), rel=0.25)
 
 
 def test_a_known_strength_helps_where_an_arc_is_short() -> None:
     unknown, known = [], []
     for seed in range(40):
         points, readings, directions = _turn(seed, 90.0)
-        for found, field_ut in ((unknown, None), (known, 20.0)):
+        for result, field_ut in ((unknown, None), (known, 20.0)):
             got = fit_shape(points, Shape.CIRCLE, field=field_ut)
-            found.append(direction_error_rms_deg(got.fit, readings, directions))
+            result.append(direction_error_rms_deg(got.fit, readings, directions))
     assert _rms(known) < 0.7 * _rms(unknown)
 
 
 def test_noise_that_lasts_is_stated_as_what_it_does() -> None:
     """A minute at 20 Hz with .3 uT of white noise and .3 uT that lasts for a second: five turns, back and forth."""
-    found, stated = [], []
+    results, stated = [], []
     swing = np.radians(360.0) * np.abs((np.linspace(0.0, 5.0, 1200) + 1.0) % 2.0 - 1.0)
     for seed in range(30):
         random = np.random.default_rng(seed)
@@ -121,11 +121,11 @@ def test_noise_that_lasts_is_stated_as_what_it_does() -> None:
         around = np.radians(np.arange(0.0, 360.0, 5.0))
         directions = np.column_stack([np.cos(around), np.sin(around), np.zeros(72)])
         readings = directions * (20.0, 21.0, 0.0) + (0.0, 0.0, 30.0)
-        found.append(direction_error_rms_deg(got.fit, readings, directions))
+        results.append(direction_error_rms_deg(got.fit, readings, directions))
         stated.append(got.error.rms_deg)
     # Independent noise of this size would be stated 4.3 times too small. Of 20 blocks five go into the ellipse: what is
     # stated is known to 20 %, what is found of 30 logs to 10.
-    assert 0.75 < _rms(found) / _rms(stated) < 1.3
+    assert 0.75 < _rms(results) / _rms(stated) < 1.3
 
 
 @given(

@@ -63,13 +63,13 @@ def test_it_is_of_the_same_firmware_and_rig_and_takes_no_place_of_the_judged_run
         bench, "run --rig mine.toml --firmware 'my lamp.elf' --poses level --label v2 --baseline base.json" + seeds
     )
     assert done.returncode == 0, done.stdout
-    found = re.search(r"1 better; keep it: run its seeds, hiltest (.*), then hiltest (.*) TEXT$", done.stdout, re.M)
-    assert found, done.stdout
-    judged = {each: each.read_bytes() for each in (bench / "hil-out").rglob("*.json")}
-    assert hiltest(bench, found[1]).returncode == 0
-    updated = hiltest(bench, found[2] + " faster")
+    match = re.search(r"1 better; keep it: run its seeds, hiltest (.*), then hiltest (.*) TEXT$", done.stdout, re.M)
+    assert match, done.stdout
+    judged = {path: path.read_bytes() for path in (bench / "hil-out").rglob("*.json")}
+    assert hiltest(bench, match[1]).returncode == 0
+    updated = hiltest(bench, match[2] + " faster")
     assert (updated.returncode, updated.stdout.splitlines()[0]) == (0, "lamp.current: 2 -> 1"), updated.stderr
-    assert {each: each.read_bytes() for each in judged} == judged
+    assert {item: item.read_bytes() for item in judged} == judged
     assert json.loads((bench / "base.json").read_text())["history"][0]["name"] == "lamp.current"
 
 

@@ -106,7 +106,9 @@ class Repository:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Callable[..., Repository]:
+def make_repository(
+    tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]
+) -> Callable[..., Repository]:
     """Return a function that makes a repository with a bench."""
     compiler = require_tool("arm-none-eabi-gcc")
     start = tmp_path_factory.mktemp("start") / "start.o"  # not each time, from a temporary file: an ELF has its name
@@ -115,15 +117,15 @@ def made(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str],
     def make() -> Repository:
         folder = tmp_path_factory.mktemp("repository")
         command = [compiler, *FLAGS, str(start), "program.c", "-o", "build/app.elf"]
-        found = Repository(folder, f"mkdir -p build && {shlex.join(command)}")
-        found.git("init", "--quiet", "--initial-branch=main")
+        repository = Repository(folder, f"mkdir -p build && {shlex.join(command)}")
+        repository.git("init", "--quiet", "--initial-branch=main")
         for name in ("suites", "rigs"):
             (folder / "hil" / name).mkdir(parents=True)
         (folder / "hil" / "suites" / "test_heading.py").write_text(SUITE, encoding="utf-8")
         rig = RIG.read_text(encoding="utf-8")
         (folder / "hil" / "rigs" / RIG.name).write_text(rig[: rig.index("[limits]")] + DEVICE, encoding="utf-8")
         (folder / ".gitignore").write_text("build/\nhil-out/\n", encoding="utf-8")
-        return found
+        return repository
 
     return make
 
@@ -133,9 +135,9 @@ FIRST_WORSE = 29
 
 
 @pytest.fixture(scope="module")
-def forty(made: Callable[[], Repository]) -> tuple[Repository, Sequence[str]]:
+def forty(make_repository: Callable[[], Repository]) -> tuple[Repository, Sequence[str]]:
     """40 commits: those in the middle do not build, and half of all change nothing that is compiled."""
-    repository = made()
+    repository = make_repository()
     commits = []
     for number in range(COMMITS):
         program = PROGRAM.format(version=number // 2, heading=90.4 if number < FIRST_WORSE else 90.9)
@@ -144,7 +146,7 @@ def forty(made: Callable[[], Repository]) -> tuple[Repository, Sequence[str]]:
 
 
 @pytest.fixture(scope="module")
-def found(forty: tuple[Repository, Sequence[str]]) -> Done:
+def done(forty: tuple[Repository, Sequence[str]]) -> Done:
     """A bisection that was interrupted, and then went on; the checkout that it is typed in has an edit."""
     repository, commits = forty
     (repository.folder / "program.c").write_text("not committed", encoding="utf-8")
@@ -161,68 +163,70 @@ def found(forty: tuple[Repository, Sequence[str]]) -> Done:
 
 
 def test_the_first_of_forty_commits_that_is_worse_is_found_past_a_broken_build(
-    forty: tuple[Repository, Sequence[str]], found: Done
+    forty: tuple[Repository, Sequence[str]], done: Done
 ) -> None:
     repository, commits = forty
-    assert found.code == 0, found.errors
-    content = checked(found.out, "hiltest.bisection/1")
+    assert done.code == 0, done.errors
+    content = checked(done.out, "hiltest.bisection/1")
     (first,) = content["candidates"]
     assert first["commit"] == commits[FIRST_WORSE]
     assert (first["subject"], first["author"]) == (f"change {FIRST_WORSE}", "A. Tester")
     assert first["author_date"] == repository.git("show", "-s", "--format=%aI", commits[FIRST_WORSE])
     assert content["before"]["commit"] == commits[FIRST_WORSE - 1]
-    (worse,) = [each for each in content["against_before"]["differences"] if each["change"] == "worse"]
+    (worse,) = [
+        difference for difference in content["against_before"]["differences"] if difference["change"] == "worse"
+    ]
     assert worse["name"] == "heading.firmware.rms"
     assert worse["base"] == pytest.approx(0.4, abs=1e-5)  # a float32 near 90 has steps of 8e-6
     assert worse["new"] == pytest.approx(0.9, abs=1e-5)
-    judged = {each["commit"]: each for each in content["steps"]}
-    broken = [each for each in judged.values() if each["found"] == "skipped"]
+    judged = {step["commit"]: step for step in content["steps"]}
+    broken = [item for item in judged.values() if item["found"] == "skipped"]
     assert broken
-    assert {each["commit"] for each in broken} <= {commits[number] for number in BROKEN}
-    assert all(each["because"].startswith("it does not build: program.c:") for each in broken)
+    assert {item["commit"] for item in broken} <= {commits[number] for number in BROKEN}
+    assert all(item["because"].startswith("it does not build: program.c:") for item in broken)
     # Halving 39 takes six at most, and each skipped one costs one more.
     assert len(judged) - len(broken) <= 6
-    assert [line.endswith(" [remembered]") for line in found.errors.splitlines()[:2]] == [True, True]
-    assert "step 1 of about 5" in found.errors
-    assert " left: " in found.errors
+    assert [line.endswith(" [remembered]") for line in done.errors.splitlines()[:2]] == [True, True]
+    assert "step 1 of about 5" in done.errors
+    assert " left: " in done.errors
 
 
 def test_the_checkout_and_its_edits_stay_and_no_working_tree_is_left(
-    forty: tuple[Repository, Sequence[str]], found: Done
+    forty: tuple[Repository, Sequence[str]], done: Done
 ) -> None:
     repository, _ = forty
-    assert found.code == 0
+    assert done.code == 0
     assert (repository.folder / "program.c").read_text(encoding="utf-8") == "not committed"
     assert repository.git("branch", "--show-current") == "main"
     assert len(repository.git("worktree", "list").splitlines()) == 1
     assert not (repository.folder / ".git" / "BISECT_LOG").exists()
 
 
-def test_two_commits_that_build_the_same_elf_are_run_once(found: Done) -> None:
-    content = checked(found.out, "hiltest.bisection/1")
+def test_two_commits_that_build_the_same_elf_are_run_once(done: Done) -> None:
+    content = checked(done.out, "hiltest.bisection/1")
     records: dict[tuple[int, str], set[str]] = {}
-    for each in (content["good"], content["bad"], *content["steps"]):
-        if each["record"]:
-            records.setdefault((int(each["subject"].split()[1]) // 2, each["found"]), set()).add(each["record"])
+    for item in (content["good"], content["bad"], *content["steps"]):
+        if item["record"]:
+            records.setdefault((int(item["subject"].split()[1]) // 2, item["found"]), set()).add(item["record"])
     assert all(len(record) == 1 for record in records.values())
-    assert len({record for each in records.values() for record in each}) == len(records)
+    assert len({record for item in records.values() for record in item}) == len(records)
 
 
 def test_the_same_command_again_builds_and_runs_nothing_that_was_built(
-    forty: tuple[Repository, Sequence[str]], found: Done
+    forty: tuple[Repository, Sequence[str]], done: Done
 ) -> None:
     repository, commits = forty
-    assert found.code == 0
+    assert done.code == 0
     records = sorted((repository.folder / "hil-out" / "bisect" / "runs").rglob("run.json"))
     written = [path.stat().st_mtime_ns for path in records]
     again = repository.bisect(commits[0], "main")
     assert again.code == 0, again.errors
     assert [path.stat().st_mtime_ns for path in records] == written
     assert all(line.endswith("[remembered]") or ": skipped, " in line for line in again.errors.splitlines())
-    said = " ".join(again.out.split())
-    assert f"{commits[FIRST_WORSE][:12]} change {FIRST_WORSE} is the first worse commit" in said
-    assert "heading.firmware.rms 0.4 -> 0.9 deg (+0.5, +125 %" in said
-    assert "skipped: " in said
+    answer = " ".join(again.out.split())
+    assert f"{commits[FIRST_WORSE][:12]} change {FIRST_WORSE} is the first worse commit" in answer
+    assert "heading.firmware.rms 0.4 -> 0.9 deg (+0.5, +125 %" in answer
+    assert "skipped: " in answer
 
 
 @pytest.mark.parametrize(
@@ -254,9 +258,9 @@ def test_what_cannot_be_bisected_is_said_at_once(
 
 
 def test_where_the_commits_before_a_worse_one_cannot_be_judged_it_says_one_of_these(
-    made: Callable[[], Repository],
+    make_repository: Callable[[], Repository],
 ) -> None:
-    repository = made()
+    repository = make_repository()
     good = repository.commit("good", PROGRAM.format(version=1, heading=90.4))
     between = [
         repository.commit("does not build", "int main(void"),
@@ -267,9 +271,9 @@ def test_where_the_commits_before_a_worse_one_cannot_be_judged_it_says_one_of_th
     done = repository.bisect(good, "main", *MEASURE, "--json")
     assert done.code == 22, done.errors
     content = checked(done.out, "hiltest.bisection/1")
-    assert [each["commit"] for each in content["candidates"]] == [worse, *reversed(between)]
+    assert [candidate["commit"] for candidate in content["candidates"]] == [worse, *reversed(between)]
     assert content["before"]["commit"] == good
-    reasons = [each["because"] for each in content["candidates"][1:]]
+    reasons = [candidate["because"] for candidate in content["candidates"][1:]]
     assert "heading_deg" in reasons[0]
     assert reasons[1].startswith("it does not build: program.c:")
 
@@ -278,17 +282,17 @@ FAULTS = "volatile float heading_deg;\nint main(void)\n{\n    return *(volatile 
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "said"),
+    ("options", "code", "message"),
     [((), 0, "unmapped address 0xf0000000"), (MEASURE, 4, "it has no value of heading.firmware.rms")],
     ids=["all", "one"],
 )
 def test_firmware_that_faults_is_worse_unless_one_measurement_decides(
-    made: Callable[[], Repository], options: tuple[str, ...], code: int, said: str
+    make_repository: Callable[[], Repository], options: tuple[str, ...], code: int, message: str
 ) -> None:
-    repository = made()
+    repository = make_repository()
     good = repository.commit("good", PROGRAM.format(version=1, heading=90.4))
     faults = repository.commit("faults", FAULTS)
     done = repository.bisect(good, "main", *options)
     assert done.code == code, done.errors
-    assert said in done.out + done.errors
+    assert message in done.out + done.errors
     assert (f"{faults[:12]} faults is the first worse commit" in done.out) == (code == 0)

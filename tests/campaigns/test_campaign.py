@@ -58,7 +58,7 @@ def test_spreads_are_over_the_seeds_that_have_a_number() -> None:
     ],
 )
 def test_only_so_many_missed_limits_and_nothing_else_are_allowed(codes: list[int], may_fail: int, code: int) -> None:
-    results = [SeedResult(seed, each, "", excusable=each == 1) for seed, each in enumerate(codes)]
+    results = [SeedResult(seed, code, "", excusable=code == 1) for seed, code in enumerate(codes)]
     assert campaign_exit_code(results, may_fail=may_fail) == code
 
 
@@ -106,7 +106,7 @@ def test_only_a_missed_limit_may_be_allowed(
 def test_a_comparison_decides_where_the_seeds_have_not(
     codes: list[int], change: Change, obstacles: tuple[str, ...], code: int, ending: str
 ) -> None:
-    results = [SeedResult(seed, each, "", excusable=each == 1) for seed, each in enumerate(codes, 1)]
+    results = [SeedResult(seed, code, "", excusable=code == 1) for seed, code in enumerate(codes, 1)]
     side = Side("base.json", "", "", "", "", "", "", "", (1, 2), "")
     difference = Difference(
         "heading.direct.max",
@@ -146,7 +146,7 @@ class TestFolder:
         with sole_command(tmp_path):
             with pytest.raises(ConfigError, match=rf"{tmp_path} is in use by process {os.getpid()} on "):
                 hiltest_main("run", "--seeds", "1..2", "--out", str(tmp_path))
-            assert [each.name for each in tmp_path.iterdir()] == [LOCK_FILE]
+            assert [path.name for path in tmp_path.iterdir()] == [LOCK_FILE]
         assert list(tmp_path.iterdir()) == []
         (tmp_path / LOCK_FILE).write_text("left by a command that was killed\n")
         with sole_command(tmp_path):
@@ -160,10 +160,10 @@ class TestFolder:
             (tmp_path / name / JOURNAL_FILE).write_text("")
         (tmp_path / "seed-0003" / "notes.txt").write_text("mine")
         busy = Journal(tmp_path / "seed-0002")
-        for each in ("seed-0001", "seed-0002", "seed-0003"):
-            remove_run(tmp_path / each)
+        for text in ("seed-0001", "seed-0002", "seed-0003"):
+            remove_run(tmp_path / text)
         busy.release()
-        assert sorted(str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*")) == [
+        assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")) == [
             "mine",
             f"mine/{JOURNAL_FILE}",
             "mine/report.md",
@@ -188,7 +188,7 @@ class TestFolder:
         seeds = json.loads((tmp_path / "out" / "seeds.json").read_text())
         (seed,) = seeds["seeds"]
         assert seed["sentence"].startswith("CUT SHORT: 1 test finished, 1 measurement kept")
-        assert [each["name"] for each in seeds["measurements"]] == ["first"]
+        assert [measurement["name"] for measurement in seeds["measurements"]] == ["first"]
         # A single run that is killed in the same folder is what is there now, and not the seeds beside it.
         command = [sys.executable, "-m", "hiltest", "run", "--out", "out"]
         assert subprocess.run(command, capture_output=True, timeout=120, check=False).returncode == -9
@@ -229,8 +229,8 @@ class TestFolder:
         ), out
         done = subprocess.run([*command, "report", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 4
-        said = "out: a campaign, not one run: cut short or going on, without seeds.md; name one of out/seed-0001, "
-        assert said in done.stderr
+        answer = "out: a campaign, not one run: cut short or going on, without seeds.md; name one of out/seed-0001, "
+        assert answer in done.stderr
         (tmp_path / "out" / "seeds.md").write_text("")
         done = subprocess.run([*command, "report", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert "out: a campaign, not one run: all its seeds are in out/seeds.md; name one of out/seed" in done.stderr

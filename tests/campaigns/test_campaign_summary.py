@@ -49,22 +49,22 @@ def bench(tmp_path: Path) -> Path:
 )
 def test_seeds_without_a_record_are_no_pass(bench: Path, options: tuple[str, ...], ending: str) -> None:
     assert run(bench, "--out", "base")[0] == 0
-    code, said, _ = run(bench, "--seeds", "1..1", *options, "--", "--collect-only")
-    assert code == 22, said
-    assert fnmatchcase(said.rstrip().splitlines()[-1], ending), said
-    assert "no record of a run" in said
+    code, answer, _ = run(bench, "--seeds", "1..1", *options, "--", "--collect-only")
+    assert code == 22, answer
+    assert fnmatchcase(answer.rstrip().splitlines()[-1], ending), answer
+    assert "no record of a run" in answer
 
 
 def test_of_a_run_and_a_campaign_in_one_folder_the_newer_counts(bench: Path) -> None:
     folder = bench / "hil-out"
-    for arguments, there, gone in [
+    for arguments, target, gone in [
         ((), "run.json", "seeds.json"),
         (("--seeds", "2..2"), "seeds.json", "run.json"),
         ((), "run.json", "seeds.json"),
     ]:
-        code, said, _ = run(bench, *arguments)
-        assert code == 0, said
-        assert (folder / there).exists()
+        code, answer, _ = run(bench, *arguments)
+        assert code == 0, answer
+        assert (folder / target).exists()
         assert not (folder / gone).exists()
         assert read_evidence(folder).side.seeds == ((2,) if arguments else (1,))
 
@@ -86,30 +86,30 @@ def run(folder: Path, *arguments: str) -> tuple[int, str, str]:
 
 
 def test_a_campaign_has_one_summary_for_all_its_seeds(bench: Path) -> None:
-    code, said, page = run(bench, "--seeds", "1..2")
-    assert code == 0, said
+    code, answer, page = run(bench, "--seeds", "1..2")
+    assert code == 0, answer
     assert [line for line in page.splitlines() if line.startswith("# ")] == ["# PASS"]
     assert "2 of 2 seeds pass: PASS." in page
     assert "| mine.seed | 2 | 1 | 1.5 | 2 |  |  |" in page
     assert "\ncycles counted by mine/1@flash\n" in page
     assert (bench / "hil-out" / "seeds.md").read_text(encoding="utf-8") == page
-    assert "::error" not in said
+    assert "::error" not in answer
 
 
 def test_a_red_seed_is_in_the_summary_and_the_campaign_is_annotated_once(bench: Path) -> None:
-    code, said, page = run(bench, "--seeds", "5..6")
-    assert code == 1, said
+    code, answer, page = run(bench, "--seeds", "5..6")
+    assert code == 1, answer
     assert page.startswith("# FAIL\n")
     assert "| 6 | 1 | FAIL" in page[: page.index("<details>")]
-    (annotation,) = [line for line in said.splitlines() if line.startswith("::")]
+    (annotation,) = [line for line in answer.splitlines() if line.startswith("::")]
     assert annotation.startswith("::error title=hiltest%3A fail::1 of 2 seeds pass (not: 6): FAIL.")
 
 
 def test_two_firmwares_have_one_summary_that_compares_them(bench: Path) -> None:
     elf = FIRMWARE / "hiltest-frdm-k64f.elf"
-    code, said, page = run(bench, "--against", str(elf))
-    assert code == 0, said
-    assert said.count("The packaged firmware was compared: name yours with --firmware ELF") == 1
+    code, answer, page = run(bench, "--against", str(elf))
+    assert code == 0, answer
+    assert answer.count("The packaged firmware was compared: name yours with --firmware ELF") == 1
     assert "The packaged firmware was compared" in page
     assert [line for line in page.splitlines() if line.startswith("# ")] == ["# PASS"]
     assert "## Against the baseline" in page
@@ -119,6 +119,6 @@ def test_two_firmwares_have_one_summary_that_compares_them(bench: Path) -> None:
 def test_a_campaign_of_the_packaged_firmware_says_so_where_nobody_named_it(bench: Path, named: bool) -> None:
     elf = FIRMWARE / "hiltest-frdm-k64f.elf"
     newer = ("--firmware", str(elf)) if named else ()
-    code, said, page = run(bench, "--seeds", "1..1", "--against", str(elf), *newer)
-    assert code == 0, said
-    assert (said + page).count("The packaged firmware was compared") == (0 if named else 2)
+    code, answer, page = run(bench, "--seeds", "1..1", "--against", str(elf), *newer)
+    assert code == 0, answer
+    assert (answer + page).count("The packaged firmware was compared") == (0 if named else 2)

@@ -40,9 +40,11 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
     chosen = ("--", "-k", "test_the_worst_cases_that_were_found or test_the_firmware_says_who_it_is or identity")
     assert run("run", *(word for rig in rigs for word in ("--rig", rig)), "--json", *chosen) == 20
     record = checked(capsys.readouterr().out, "hiltest.boards/1")
-    assert {each["name"]: each["exit_code"] for each in record["boards"]} == {"left": 0, "right": 0, "gone": 20}
+    assert {board["name"]: board["exit_code"] for board in record["boards"]} == {"left": 0, "right": 0, "gone": 20}
     assert record["sentence"] == "2 of 3 boards pass; gone: connection lost."
-    counted = next(each for each in record["measurements"] if each["name"] == "cycles.direct.worst_found")
+    counted = next(
+        measurement for measurement in record["measurements"] if measurement["name"] == "cycles.direct.worst_found"
+    )
     assert counted["values"]["left"] == counted["values"]["right"] > 0
     assert counted["spread"] == 0
     assert json.loads((tmp_path / "hil-out" / "left" / "run.json").read_text())["verdict"]["exit_code"] == 0
@@ -52,7 +54,7 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (("--seeds", "1..2"), "--seeds is for one board"),
         (("--against", "old.elf"), "--against is for one board"),
@@ -66,17 +68,17 @@ def test_what_is_of_one_board_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     options: tuple[str, ...],
-    said: str,
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    other = a_rig(tmp_path, "other", VIRTUAL) if said else a_rig(tmp_path, "virtual-k64f", VIRTUAL)
+    other = a_rig(tmp_path, "other", VIRTUAL) if message else a_rig(tmp_path, "virtual-k64f", VIRTUAL)
     assert run("run", "--rig", "virtual-k64f", "--rig", other, *options) == 4
-    assert (said or "have one name") in capsys.readouterr().err
+    assert (message or "have one name") in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.json")), "nothing ran"
 
 
 @pytest.mark.parametrize(
-    ("text", "port", "said"),
+    ("text", "port", "message"),
     [
         (
             (shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8"),
@@ -90,12 +92,17 @@ def test_what_is_of_one_board_is_refused(
     ids=["by hand", "one port", "one table", "no port"],
 )
 def test_boards_that_cannot_run_at_once_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], text: str, port: str, said: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    text: str,
+    port: str,
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     rigs = a_rig(tmp_path, "one", LOST, "socket://127.0.0.1:9"), a_rig(tmp_path, "other", text, port)
     assert run("run", "--rig", rigs[0], "--rig", rigs[1]) == 4
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def measured(value: float | None, **more: str) -> Measurement:
@@ -103,9 +110,9 @@ def measured(value: float | None, **more: str) -> Measurement:
 
 
 def test_the_spread_is_of_numbers_that_are_alike() -> None:
-    (found,) = apart_of({"a": [measured(0.9)], "b": [measured(1.4)], "c": [measured(None)]})
-    assert found.spread == pytest.approx(0.5)
-    assert found.values == {"a": 0.9, "b": 1.4, "c": None}
+    (result,) = apart_of({"a": [measured(0.9)], "b": [measured(1.4)], "c": [measured(None)]})
+    assert result.spread == pytest.approx(0.5)
+    assert result.values == {"a": 0.9, "b": 1.4, "c": None}
     (alone,) = apart_of({"a": [measured(0.9)], "b": []})
     assert alone.spread is None
     (unlike,) = apart_of({"a": [measured(1.0, model="x")], "b": [measured(2.0, model="y")]})
@@ -121,11 +128,11 @@ def test_the_spread_is_of_numbers_that_are_alike() -> None:
 def test_the_first_end_that_applies_is_the_commands_and_a_killed_board_is_no_pass(
     codes: tuple[int, ...], code: int
 ) -> None:
-    boards = [BoardLine(f"board {number}", "", each, "") for number, each in enumerate(codes)]
+    boards = [BoardLine(f"board {number}", "", code, "") for number, code in enumerate(codes)]
     assert verdict_of(boards).exit_code == code
 
 
 def test_what_is_beyond_its_limit_is_marked() -> None:
     failed = Measurement("heading.direct.max", 2.5, "deg", outcome=Outcome.FAIL)
-    (found,) = apart_of({"a": [failed], "b": [measured(0.5)]})
-    assert (found.cell("a"), found.cell("b"), found.cell("c")) == ("2.50 ✗", "0.50", "")
+    (result,) = apart_of({"a": [failed], "b": [measured(0.5)]})
+    assert (result.cell("a"), result.cell("b"), result.cell("c")) == ("2.50 ✗", "0.50", "")

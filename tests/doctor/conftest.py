@@ -30,9 +30,9 @@ def by_name() -> Callable[[Iterable[Check]], dict[str, Check]]:
     """Return a function that puts checks under their names, in their order."""
 
     def named(checks: Iterable[Check]) -> dict[str, Check]:
-        found = [*checks]
-        assert len({each.name for each in found}) == len(found)
-        return {each.name: each for each in found}
+        results = [*checks]
+        assert len({entry.name for entry in results}) == len(results)
+        return {entry.name: entry for entry in results}
 
     return named
 
@@ -43,8 +43,8 @@ def as_nobody(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     if os.geteuid() != 0:
         yield
         return
-    here = shipped()  # which nobody could not look for, where hiltest is installed in a folder of root's
-    monkeypatch.setattr("hiltest.doctor.host_checks.shipped", lambda: here)
+    place = shipped()  # which nobody could not look for, where hiltest is installed in a folder of root's
+    monkeypatch.setattr("hiltest.doctor.host_checks.shipped", lambda: place)
     groups = os.getgroups()
     os.setgroups([])
     os.setegid(NOBODY)

@@ -38,11 +38,11 @@ def test_the_default_board_is_all_right(board: Board, rig: Rig) -> None:
 
 def test_a_board_without_its_shield_names_what_is_missing_where(rig: Rig, rig_without_shield: Rig) -> None:
     with open_board(rig_without_shield) as opened:
-        found = see_sensors(opened, rig)
-    assert found.health is Health.FAILED
-    assert "MAG3110 (I2C1 0x0E): no answer" in found.finding
-    assert "shield" in found.remedy
-    assert "on-board FXOS8700CQ" in found.remedy
+        result = see_sensors(opened, rig)
+    assert result.health is Health.FAILED
+    assert "MAG3110 (I2C1 0x0E): no answer" in result.finding
+    assert "shield" in result.remedy
+    assert "on-board FXOS8700CQ" in result.remedy
 
 
 @pytest.mark.parametrize(("declared_ut", "health"), [(0.4, Health.OK), (0.15, Health.WARNING), (1.0, Health.WARNING)])
@@ -56,28 +56,28 @@ def test_the_magnetometers_noise_is_judged_by_what_the_rig_declares(
         turntable=replace(rig.turntable, kind="operator"),
         sensors=replace(rig.sensors, magnetometer_noise_ut=declared_ut),
     )
-    found = see_magnetometer_noise(board, declaring)
-    assert found.health is health
-    assert ("magnetometer_noise_ut" in found.remedy) is (health is Health.WARNING)
+    result = see_magnetometer_noise(board, declaring)
+    assert result.health is health
+    assert ("magnetometer_noise_ut" in result.remedy) is (health is Health.WARNING)
 
 
 def test_a_board_that_turns_is_not_at_rest(board: Board, rig: Rig) -> None:
     assert board.stage is not None
     takes_s = board.stage.turn_round(360.0, rate_dps=60.0, after_s=0.5)
-    found = see_gyroscope_noise(board, rig)
+    result = see_gyroscope_noise(board, rig)
     board.sleep(takes_s)
-    assert found.health is Health.WARNING
-    assert "the board moved" in found.finding
-    assert found.remedy
+    assert result.health is Health.WARNING
+    assert "the board moved" in result.finding
+    assert result.remedy
 
 
 def test_a_sensor_that_gives_the_same_reading_for_ever_has_failed(rig: Rig) -> None:
     assert rig.world is not None
     with open_board(replace(rig, world=replace(rig.world, mag3110_noise_ut=(0.0,) * 4))) as frozen:
-        found = see_magnetometer_noise(frozen, rig)
+        result = see_magnetometer_noise(frozen, rig)
         assert see_accelerometer_noise(frozen, rig).health is Health.OK
-    assert found.health is Health.FAILED
-    assert "axis x and y and z" in found.finding
+    assert result.health is Health.FAILED
+    assert "axis x and y and z" in result.finding
 
 
 @pytest.mark.parametrize(("rate", "health"), [(1.005, Health.OK), (1.03, Health.WARNING), (0.97, Health.WARNING)])
@@ -99,10 +99,10 @@ def test_time_that_asking_takes_is_no_wrong_clock(board: Board, rig: Rig, monkey
 def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     others = replace(board.identity, build_id="0123456789abcdef", unique_id=bytes(15) + b"1")
     monkeypatch.setattr(board, "identity", others)
-    found = see_identity(board, rig, "hiltest flash --port usb://0240")
-    assert found.health is Health.WARNING
-    assert "0123456789abcdef" in found.finding
-    assert found.remedy.startswith("hiltest flash --port usb://0240, ")
+    result = see_identity(board, rig, "hiltest flash --port usb://0240")
+    assert result.health is Health.WARNING
+    assert "0123456789abcdef" in result.finding
+    assert result.remedy.startswith("hiltest flash --port usb://0240, ")
 
 
 def test_a_virtual_board_is_not_told_to_be_flashed(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:

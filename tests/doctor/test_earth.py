@@ -26,12 +26,12 @@ def at(rig: Rig, latitude_deg: float, longitude_deg: float, altitude_m: float = 
 
 def test_the_model_is_the_published_one(rig: Rig) -> None:
     # The example of another implementation's documentation, MathWorks' wrldmagm with WMM-2025, to its digits.
-    found = model_field(at(rig, 42.283, -71.35, 1000.0), date(2028, 7, 4))
-    assert isinstance(found, ModelField)
-    assert found.strength_ut == pytest.approx(50.940, abs=5e-4)
-    assert found.dip_deg == pytest.approx(65.9899, abs=5e-4)
-    assert found.declination_deg == pytest.approx(-13.6891, abs=5e-4)
-    assert found.model == "WMM-2025"
+    result = model_field(at(rig, 42.283, -71.35, 1000.0), date(2028, 7, 4))
+    assert isinstance(result, ModelField)
+    assert result.strength_ut == pytest.approx(50.940, abs=5e-4)
+    assert result.dip_deg == pytest.approx(65.9899, abs=5e-4)
+    assert result.declination_deg == pytest.approx(-13.6891, abs=5e-4)
+    assert result.model == "WMM-2025"
 
 
 def test_a_rig_without_a_place_and_a_day_behind_the_models_end_say_so(rig: Rig) -> None:
@@ -50,9 +50,9 @@ def test_a_rig_without_a_place_and_a_day_behind_the_models_end_say_so(rig: Rig) 
     ],
 )
 def test_a_declared_field_far_from_the_models_is_a_warning(rig: Rig, model: ModelField, health: Health) -> None:
-    found = see_declared_field(rig, model)
-    assert found.health is health
-    assert ("iron" in found.remedy) is (health is Health.WARNING)
+    result = see_declared_field(rig, model)
+    assert result.health is health
+    assert ("iron" in result.remedy) is (health is Health.WARNING)
 
 
 def test_a_declination_is_compared_round_the_circle(rig: Rig) -> None:
@@ -76,9 +76,9 @@ def hold_calibration(board: Board, rig: Rig, slot: int) -> None:
 
 def test_a_board_without_a_calibration_cannot_tell(board: Board, rig: Rig) -> None:
     board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))  # as a run has it for "uncalibrated"
-    found = see_measured_field(board, rig, HERE)
+    result = see_measured_field(board, rig, HERE)
     board.session.request(ClearCalibration(0))
-    assert found.health is Health.NOT_LOOKED_AT
+    assert result.health is Health.NOT_LOOKED_AT
 
 
 @pytest.mark.parametrize("pose", [Pose(0.0, 0.0, 0.0), Pose(130.0, 20.0, -15.0), Pose(250.0, -40.0, 80.0)])
@@ -86,9 +86,9 @@ def test_a_calibrated_board_measures_the_field_in_any_pose(board: Board, rig: Ri
     hold_calibration(board, rig, 3)
     assert board.stage is not None
     board.stage.turn_to(pose)
-    found = see_measured_field(board, rig, "no place")
-    assert found.health is Health.OK
-    strength_ut, dip_deg = (float(text) for text in found.finding.replace(" uT, dip", "").split()[:2])
+    result = see_measured_field(board, rig, "no place")
+    assert result.health is Health.OK
+    strength_ut, dip_deg = (float(text) for text in result.finding.replace(" uT, dip", "").split()[:2])
     # Of 64 readings with 0.4 uT of noise; the determinant of this soft iron is within 1 % of 1. An untrimmed part of
     # this world tilts the horizon by less than 0.3 degrees.
     assert strength_ut == pytest.approx(rig.field.strength_ut, rel=0.01)
@@ -100,6 +100,6 @@ def test_iron_near_a_calibrated_board_is_a_warning(rig: Rig, strength: float, di
     field = replace(rig.field, strength_ut=strength * rig.field.strength_ut, dip_deg=rig.field.dip_deg + dip_deg)
     with open_board(replace(rig, field=field)) as disturbed:
         hold_calibration(disturbed, rig, 1)
-        found = see_measured_field(disturbed, rig, HERE)
-    assert found.health is Health.WARNING
-    assert "iron" in found.finding or "iron" in found.remedy
+        result = see_measured_field(disturbed, rig, HERE)
+    assert result.health is Health.WARNING
+    assert "iron" in result.finding or "iron" in result.remedy

@@ -45,7 +45,7 @@ def test_a_board_that_is_plugged_in_is_found_and_looked_at_to_the_end(
     assert exit_code([*checks.values()]) is ExitCode.OK
     assert K64F in checks["board"].finding
     # No rules in the tree. A board on a busy machine may lag behind the wall clock.
-    unwell = {name for name, each in checks.items() if each.health is not Health.OK} - {"clock"}
+    unwell = {name for name, check in checks.items() if check.health is not Health.OK} - {"clock"}
     assert unwell == {"udev rules", "turntable", "measured field", "declared field"}
 
 
@@ -69,9 +69,9 @@ def test_a_board_without_its_shield_is_looked_at_as_far_as_it_goes(rig_without_s
 
 
 def test_a_port_elsewhere_that_nobody_serves_needs_no_other_cable(real_rig: Rig, by_name: ByName) -> None:
-    found = by_name(examine(real_rig, port="socket://127.0.0.1:1", today=TODAY))["answer"]
-    assert found.health is Health.FAILED
-    assert "its server runs" in found.remedy
+    answer = by_name(examine(real_rig, port="socket://127.0.0.1:1", today=TODAY))["answer"]
+    assert answer.health is Health.FAILED
+    assert "its server runs" in answer.remedy
 
 
 def test_two_boards_are_no_choice_of_ours(real_rig: Rig, tree: UsbTree) -> None:
@@ -128,7 +128,7 @@ class Synchronised:
     def __call__(self, data: bytes, baud: int) -> bytes:
         if baud != self._baud:
             return b"\xf8" * len(data)
-        frames = [each for each in self._decoder.feed(data) if isinstance(each, Frame) and each.type == Sync.code]
+        frames = [item for item in self._decoder.feed(data) if isinstance(item, Frame) and item.type == Sync.code]
         return b"".join(
             encode_frame(
                 Frame(
@@ -199,8 +199,8 @@ def test_a_sensor_that_fails_is_named_by_its_own_check_and_the_others_are_made(
 ) -> None:
     checks = by_name(examine(replace(rig, faults=Faults(sensor=fault)), today=TODAY))
     of_noise = {check for check in checks if check.endswith("noise")}
-    assert {each for each in of_noise if checks[each].health is Health.FAILED} == {name}
-    assert {checks[each].health for each in of_noise - {name}} == {Health.OK}
+    assert {item for item in of_noise if checks[item].health is Health.FAILED} == {name}
+    assert {checks[item].health for item in of_noise - {name}} == {Health.OK}
     assert words in checks[name].finding
 
 
@@ -217,14 +217,14 @@ def test_a_board_that_is_unplugged_in_the_middle_leaves_the_rest_out(
 ) -> None:
     board = pty_board(rig)
     checks = []
-    for each in examine(real_rig, port=board.path, root=tmp_path, today=TODAY):
-        checks.append(each)
-        if each.name == "sensors":
+    for item in examine(real_rig, port=board.path, root=tmp_path, today=TODAY):
+        checks.append(item)
+        if item.name == "sensors":
             board.unplug()
-    found = by_name(checks)
-    assert (*found,) == ALL
-    assert found["clock"].health is Health.FAILED
-    assert {found[name].health for name in ("cycle counter", "gyroscope noise", "measured field")} == {
+    result = by_name(checks)
+    assert (*result,) == ALL
+    assert result["clock"].health is Health.FAILED
+    assert {result[name].health for name in ("cycle counter", "gyroscope noise", "measured field")} == {
         Health.NOT_LOOKED_AT
     }
     assert exit_code(checks) is ExitCode.CONNECTION_LOST

@@ -38,8 +38,8 @@ def process(tree: UsbTree, number: int, command: str, *opened: Path) -> None:
     folder = tree.root / "proc" / str(number)
     (folder / "fd").mkdir(parents=True)
     (folder / "comm").write_text(f"{command}\n")
-    for descriptor, each in enumerate(opened):
-        (folder / "fd" / str(descriptor)).symlink_to(each)
+    for descriptor, item in enumerate(opened):
+        (folder / "fd" / str(descriptor)).symlink_to(item)
 
 
 def test_a_bench_as_it_should_be_is_all_right(tree: UsbTree) -> None:
@@ -55,9 +55,9 @@ def test_a_bench_as_it_should_be_is_all_right(tree: UsbTree) -> None:
 
 def test_a_port_that_is_no_board_s_is_named_and_a_link_to_one_is_followed(tree: UsbTree) -> None:
     tree.plug_in(vendor="0403", product="6001", serial="A50285BI", name="FT232R", tty="ttyUSB0")
-    found = see_board(plugged(tree, "ttyUSB0"))
-    assert found.health is Health.WARNING
-    assert "0403:6001" in found.finding
+    result = see_board(plugged(tree, "ttyUSB0"))
+    assert result.health is Health.WARNING
+    assert "0403:6001" in result.finding
     tree.plug_in()
     link = tree.root / "dev/board"
     link.symlink_to("ttyACM0")
@@ -72,27 +72,27 @@ def test_a_port_off_usb_leaves_out_what_is_about_usb(tree: UsbTree) -> None:
 
 
 @pytest.mark.parametrize(
-    ("drive", "said"),
+    ("drive", "message"),
     [
         ({}, "has no drive"),
         ({"disk": "sdb"}, "sdb is not mounted"),
         ({"disk": "sdb", "mounted": "/m/D", "options": "ro"}, "read only"),
     ],
 )
-def test_a_drive_that_firmware_cannot_be_dropped_onto(tree: UsbTree, drive: dict[str, str], said: str) -> None:
+def test_a_drive_that_firmware_cannot_be_dropped_onto(tree: UsbTree, drive: dict[str, str], message: str) -> None:
     tree.plug_in(**drive)
-    found = see_volume(plugged(tree))
-    assert found.health is Health.WARNING
-    assert said in found.finding
-    assert found.remedy
+    result = see_volume(plugged(tree))
+    assert result.health is Health.WARNING
+    assert message in result.finding
+    assert result.remedy
 
 
 @pytest.mark.parametrize("details", ["", "Interface Version: 0244\r\n", "Interface Version: 0226\r\n"])
 def test_firmware_from_before_daplink_and_of_known_faults_is_a_warning(tree: UsbTree, details: str) -> None:
     tree.plug_in(disk="sdb", mounted="/m/D", details=details)
-    found = see_daplink(plugged(tree))
-    assert found.health is Health.WARNING
-    assert "daplink.io" in found.remedy
+    result = see_daplink(plugged(tree))
+    assert result.health is Health.WARNING
+    assert "daplink.io" in result.remedy
 
 
 def test_a_port_that_this_user_may_not_use_says_what_gives_access(as_nobody: None) -> None:
@@ -100,9 +100,9 @@ def test_a_port_that_this_user_may_not_use_says_what_gives_access(as_nobody: Non
         tree = UsbTree(Path(folder) / "machine")
         tree.plug_in()
         (tree.root / "dev/ttyACM0").chmod(0)
-        found = see_permission(plugged(tree))
-        assert found.health is Health.FAILED
-        assert "udev rules" in found.remedy
+        result = see_permission(plugged(tree))
+        assert result.health is Health.FAILED
+        assert "udev rules" in result.remedy
         (tree.root / "dev/ttyACM0").chmod(0o660)
         assert see_permission(plugged(tree)).health is Health.OK
 
@@ -112,16 +112,16 @@ def test_a_group_of_devices_is_named_and_root_s_is_not(as_nobody: None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         tree = UsbTree(Path(folder) / "machine")
         tree.plug_in()
-        node, said = tree.root / "dev/ttyACM0", {}
+        node, messages = tree.root / "dev/ttyACM0", {}
         for group in ("dialout", "root"):
             os.seteuid(0)
             os.chown(node, 0, grp.getgrnam(group).gr_gid)
             node.chmod(0o660)
             os.seteuid(NOBODY)
-            said[group] = see_permission(plugged(tree))
-    assert {each.health for each in said.values()} == {Health.FAILED}
-    assert "usermod -aG dialout" in said["dialout"].remedy
-    assert "usermod" not in said["root"].remedy
+            messages[group] = see_permission(plugged(tree))
+    assert {message.health for message in messages.values()} == {Health.FAILED}
+    assert "usermod -aG dialout" in messages["dialout"].remedy
+    assert "usermod" not in messages["root"].remedy
 
 
 def test_a_port_that_does_not_exist(tree: UsbTree) -> None:
@@ -137,8 +137,8 @@ def test_rules_that_are_missing_or_of_another_version_come_with_the_command_that
     other = see_rules(plugged(tree))
     assert (missing.health, other.health) == (Health.WARNING, Health.WARNING)
     assert str(rules) in other.finding
-    for each in (missing, other):
-        assert f"install -m 644 {shipped() / 'udev' / RULES} /etc/udev/rules.d/" in each.remedy
+    for item in (missing, other):
+        assert f"install -m 644 {shipped() / 'udev' / RULES} /etc/udev/rules.d/" in item.remedy
 
 
 def test_modem_manager_is_a_warning_until_udev_keeps_it_from_the_port(tree: UsbTree) -> None:
@@ -146,9 +146,9 @@ def test_modem_manager_is_a_warning_until_udev_keeps_it_from_the_port(tree: UsbT
     assert see_modem_manager(plugged(tree)).health is Health.OK
     process(tree, 611, "ModemManager")
     assert see_modem_manager(plugged(tree)).health is Health.WARNING
-    kept = tree.root / "run/udev/data/c166:0"
-    kept.parent.mkdir(parents=True)
-    kept.write_text("S:hiltest/0240\nE:ID_BUS=usb\nE:ID_MM_DEVICE_IGNORE=1\n")
+    stored = tree.root / "run/udev/data/c166:0"
+    stored.parent.mkdir(parents=True)
+    stored.write_text("S:hiltest/0240\nE:ID_BUS=usb\nE:ID_MM_DEVICE_IGNORE=1\n")
     assert see_modem_manager(plugged(tree)).health is Health.OK
 
 
@@ -156,11 +156,11 @@ def test_the_program_that_holds_a_port_is_named_with_its_process(tree: UsbTree) 
     tree.plug_in()
     process(tree, 4711, "minicom", Path("/dev/null"), tree.root / "dev/ttyACM0")
     process(tree, 4712, "bash", Path("/dev/null"))
-    found = see_holders(plugged(tree))
-    assert found.health is Health.FAILED
-    assert "minicom (process 4711)" in found.finding
-    assert found.remedy.endswith("kill 4711")
-    assert "4712" not in found.finding
+    result = see_holders(plugged(tree))
+    assert result.health is Health.FAILED
+    assert "minicom (process 4711)" in result.finding
+    assert result.remedy.endswith("kill 4711")
+    assert "4712" not in result.finding
 
 
 def test_a_real_process_that_holds_a_real_terminal_is_found() -> None:
@@ -170,7 +170,7 @@ def test_a_real_process_that_holds_a_real_terminal_is_found() -> None:
     assert see_holders(port).health is Health.OK
     assert port.path is not None
     with held_by_a_process(port.path) as pid:
-        found = see_holders(port)
+        result = see_holders(port)
     os.close(far)
-    assert found.health is Health.FAILED
-    assert f"(process {pid})" in found.finding
+    assert result.health is Health.FAILED
+    assert f"(process {pid})" in result.finding

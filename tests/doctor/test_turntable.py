@@ -48,8 +48,8 @@ def simulated_table() -> Iterator[tuple[str, Bench]]:
 
 def test_a_table_that_answers_is_said_with_its_state_and_is_not_turned() -> None:
     with simulated_table() as (path, bench):
-        found = look(path)
-    assert (found.health, found.finding) == (Health.OK, f"Grbl answers on {path}: Idle at 0, 0, 0 degrees")
+        result = look(path)
+    assert (result.health, result.finding) == (Health.OK, f"Grbl answers on {path}: Idle at 0, 0, 0 degrees")
     assert bench.moves == []
     assert bench.world.at(bench.time_s).pose == Pose(0.0, 0.0, 0.0)
 
@@ -57,28 +57,28 @@ def test_a_table_that_answers_is_said_with_its_state_and_is_not_turned() -> None
 def test_what_does_not_speak_grbl_is_no_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grbl, "_START_S", 0.5)  # of the 6 that an Arduino may take
     with answering(lambda data, _baud: b"$ " * len(data)) as path:
-        found = look(path)
-    assert found.health is Health.FAILED
-    assert f"on {path}: nothing answered '?' as Grbl 1.1 does" in found.finding
-    assert "port under [turntable]" in found.remedy
+        result = look(path)
+    assert result.health is Health.FAILED
+    assert f"on {path}: nothing answered '?' as Grbl 1.1 does" in result.finding
+    assert "port under [turntable]" in result.remedy
 
 
 def test_the_process_that_holds_the_tables_port_is_named() -> None:
     with simulated_table() as (path, _bench), held_by_a_process(path) as pid:
-        found = look(path)
-    assert found.health is Health.FAILED
-    assert f"(process {pid})" in found.finding
-    assert f"kill {pid}" in found.remedy
+        result = look(path)
+    assert result.health is Health.FAILED
+    assert f"(process {pid})" in result.finding
+    assert f"kill {pid}" in result.remedy
 
 
 @pytest.mark.parametrize(
     ("url", "remedy"), [("/dev/ttyACM77", "`hiltest ports` lists"), ("socket://127.0.0.1:1", "its server runs")]
 )
 def test_a_port_that_is_not_there_or_that_nobody_serves(url: str, remedy: str) -> None:
-    found = look(url)
-    assert found.health is Health.FAILED
-    assert url in found.finding
-    assert remedy in found.remedy
+    result = look(url)
+    assert result.health is Health.FAILED
+    assert url in result.finding
+    assert remedy in result.remedy
 
 
 def test_a_port_that_this_user_may_not_use(as_nobody: None) -> None:
@@ -87,13 +87,13 @@ def test_a_port_that_this_user_may_not_use(as_nobody: None) -> None:
         tree.plug_in(vendor="1a86", product="7523", serial=None, name="USB Serial", tty="ttyUSB0")
         port = tree.root / "dev/ttyUSB0"
         port.chmod(0)
-        found = look(str(port), tree.root)
-    assert found.health is Health.FAILED
-    assert "is not readable and writable" in found.finding
-    assert found.remedy == f"sudo chmod a+rw {port}"
+        result = look(str(port), tree.root)
+    assert result.health is Health.FAILED
+    assert "is not readable and writable" in result.finding
+    assert result.remedy == f"sudo chmod a+rw {port}"
 
 
 def test_a_table_that_a_hand_turns_has_no_port(tree: UsbTree) -> None:
     rig = load_rig(shipped() / "rigs" / "frdm-k64f.toml")
-    found = see_turntable(rig, tree.root)
-    assert found.health is Health.NOT_LOOKED_AT
+    result = see_turntable(rig, tree.root)
+    assert result.health is Health.NOT_LOOKED_AT

@@ -62,9 +62,9 @@ OF_THE_LINE = (
 )
 
 
-def _sensor(what: str, part: str, fault: str, times: str = "", *, noisy: bool = False) -> Tried:
+def _sensor(case: str, part: str, fault: str, times: str = "", *, noisy: bool = False) -> Tried:
     key = ", ".join((f'part = "{part}"', f'fault = "{fault}"', *filter(None, [times])))
-    return Tried(what, f"sensor = {{ {key} }}", False, noisy=noisy)
+    return Tried(case, f"sensor = {{ {key} }}", False, noisy=noisy)
 
 
 OF_THE_BOARD = (
@@ -107,13 +107,13 @@ def begin_s(faults: Faults | None) -> float:
     if faults is None:
         return 0.0
     timed = (faults.stall, faults.disappear, faults.baud, faults.full_output, *faults.of_board)
-    return next((each.after_s for each in timed if each is not None), faults.after_s)
+    return next((call.after_s for call in timed if call is not None), faults.after_s)
 
 
 def row(tried: Tried, ended: Ended, faults: Faults | None, clean: Ended) -> str:
     """Return a row of the page's tables."""
     key = "; ".join(tried.faults.splitlines())
-    made = f"`{key}`" if key else f"`{COMMAND}`: {' '.join(f'{instruction:04x}' for instruction in tried.instructions)}"
+    text = f"`{key}`" if key else f"`{COMMAND}`: {' '.join(f'{instruction:04x}' for instruction in tried.instructions)}"
     if ended.code == 0:
         again = f"recovers: {ended.retried} request{'s' * (ended.retried != 1)} sent again"
         how = again if ended.retried else "goes on"
@@ -124,7 +124,7 @@ def row(tried: Tried, ended: Ended, faults: Faults | None, clean: Ended) -> str:
         reads = re.sub(r": the firmware is (?!hung)[^.]*\([^)]*\)", "", ended.sentence)
         reads = re.sub(r"(looping to itself in \w+) \([^)]*\)", r"\1", reads)
         reads = re.sub(r"0x[0-9a-f]{8}(?: in (\w+) \([^)]*\))(?:; r0=.*?(?=\. \d+ measurements))?", r"\1", reads)
-    return f"| {tried.what} | {made} | {how} | {reads} | {len(ended.numbers)} of {len(clean.numbers)} |"
+    return f"| {tried.what} | {text} | {how} | {reads} | {len(ended.numbers)} of {len(clean.numbers)} |"
 
 
 def table(rows: Sequence[str], heads: str) -> str:
@@ -133,8 +133,8 @@ def table(rows: Sequence[str], heads: str) -> str:
 
 
 TABLES = {
-    f"| fault of the {where} | {made} | the run | message | numbers kept |": tried
-    for where, made, tried in (
+    f"| fault of the {where} | {result} | the run | message | numbers kept |": tried
+    for where, result, tried in (
         ("line", "`[faults]`", OF_THE_LINE),
         ("board", "`[faults]`, or first instructions of", OF_THE_BOARD),
     )
@@ -143,8 +143,8 @@ TABLES = {
 
 def shown(page: str, heads: str) -> str:
     """Return the table with these heads that a page shows."""
-    (found,) = re.findall(rf"^{re.escape(heads)}.*?(?=\n\n)", page, re.M | re.S)
-    return str(found)
+    (match,) = re.findall(rf"^{re.escape(heads)}.*?(?=\n\n)", page, re.M | re.S)
+    return str(match)
 
 
 def main() -> None:

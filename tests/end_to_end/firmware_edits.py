@@ -83,4 +83,4 @@ class FirmwareCopy:
 
 
 def _run(*command: str | Path) -> None:
-    subprocess.run([str(each) for each in command], check=True, capture_output=True, timeout=BUILD_LIMIT_S)
+    subprocess.run([str(item) for item in command], check=True, capture_output=True, timeout=BUILD_LIMIT_S)

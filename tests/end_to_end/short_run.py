@@ -80,7 +80,7 @@ class Ended:
     @property
     def numbers(self) -> dict[str, float | None]:
         """What was measured and does not depend on how long it took, by name."""
-        measured = {each["name"]: each["value"] for each in self.record["measurements"]}
+        measured = {measurement["name"]: measurement["value"] for measurement in self.record["measurements"]}
         return {name: value for name, value in measured.items() if not name.startswith(OF_THE_COURSE)}
 
     @property
@@ -100,7 +100,7 @@ class Ended:
         return sentence
 
     def _value(self, name: str) -> Any:
-        (value,) = (each["value"] for each in self.record["measurements"] if each["name"] == name)
+        (value,) = (measurement["value"] for measurement in self.record["measurements"] if measurement["name"] == name)
         return value
 
 

@@ -108,9 +108,9 @@ def test_stopped_while_the_older_firmware_runs_it_leaves_no_verdict_of_an_earlie
     (bench / "older").unlink()
     assert stopped(bench, by, *BOTH) == code
     assert not (bench / "hil-out" / "against" / "run.json").exists() or by == signal.SIGINT
-    told = hiltest(bench, "report", "hil-out")
-    assert told.returncode == 0
-    assert told.stdout.splitlines()[-1].startswith(sentence)
+    result = hiltest(bench, "report", "hil-out")
+    assert result.returncode == 0
+    assert result.stdout.splitlines()[-1].startswith(sentence)
     assert not read_record(bench / "hil-out").run.verdict.complete
     compared = hiltest(bench, "compare", "hil-out", "hil-out")
     assert compared.returncode == 22
@@ -160,7 +160,7 @@ def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
 
 
 @pytest.mark.parametrize(
-    ("given", "ini", "complaint"),
+    ("arguments", "ini", "complaint"),
     [
         ({}, "hil_baseline = base.json", "--against and hil_baseline is base.json: a run has one base"),
         ({"HIL_PORT": "/dev/ttyACM0"}, "", "leave out --port"),
@@ -169,10 +169,10 @@ def test_a_new_firmware_of_another_protocol_is_found_before_the_older_one_runs(
     ids=["ini", "port", "addopts"],
 )
 def test_what_does_not_go_with_it_is_found_before_the_older_firmware_runs(
-    bench: Path, given: Mapping[str, str], ini: str, complaint: str
+    bench: Path, arguments: Mapping[str, str], ini: str, complaint: str
 ) -> None:
     (bench / "pytest.ini").write_text(f"[pytest]\n{ini}\n", encoding="utf-8")
-    done = hiltest(bench, "run", *BOTH, **given)
+    done = hiltest(bench, "run", *BOTH, **arguments)
     assert done.returncode == 4, done.stdout + done.stderr
     assert complaint in done.stderr
     assert not (bench / "older").exists()
@@ -186,9 +186,9 @@ def test_a_baseline_that_is_not_there_is_said_at_once_and_no_test_runs(bench: Pa
     assert done.returncode == 22, done.stdout + done.stderr
     (annotation,) = [line for line in done.stdout.splitlines() if line.startswith("::error")]
     assert "hiltest%3A not evaluated" in annotation
-    said = " ".join(done.stdout.split())
-    assert "NOT EVALUATED" in said
-    assert "no-such.json: No such file or directory" in said
+    answer = " ".join(done.stdout.split())
+    assert "NOT EVALUATED" in answer
+    assert "no-such.json: No such file or directory" in answer
     assert not (bench / "ran").exists()
-    left = hiltest(bench, "compare", "hil-out", "hil-out")
-    assert left.returncode in (4, 22), "and not the verdict of the run before"
+    result = hiltest(bench, "compare", "hil-out", "hil-out")
+    assert result.returncode in (4, 22), "and not the verdict of the run before"

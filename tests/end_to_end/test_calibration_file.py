@@ -75,13 +75,13 @@ def test_each_name_of_a_full_run_has_its_kind_and_each_kind_is_measured(judged, 
     elsewhere = {Section.STUDIES, Section.DRIVING}
     of_runs = {name for name, kind in KINDS.items() if kind.section not in elsewhere} - {TASKS_STACK}
     assert of_runs - {kind.name for kind in kinds.values() if kind} == set()
-    units = {name: each["unit"] for name, each in measured.items()}
+    units = {name: item["unit"] for name, item in measured.items()}
     assert [name for name, kind in kinds.items() if kind and kind.unit not in (None, units[name])] == []
 
 
 def test_the_file_is_judged_green_on_poses_that_it_is_not_made_of(judged, calibrated: Path) -> None:
     assert judged.code == 0, judged.output
-    limits = {name: each["limit"] for name, each in judged.measured.items() if ".calibration." in name}
+    limits = {name: item["limit"] for name, item in judged.measured.items() if ".calibration." in name}
     assert {name for name, limit in limits.items() if limit} == {
         "heading.calibration.max",
         "heading.calibration.bias",
@@ -184,8 +184,8 @@ def test_against_gravity_a_file_knows_the_rotation_that_norms_cannot_see(
     run_in, tmp_path: Path, calibrator: str, outcome: str
 ) -> None:
     rig = ("--rig", "virtual-k64f-rotated")
-    made = calibrate(tmp_path, *rig, "--calibrator", calibrator)
-    assert made.returncode == 0, made.stdout + made.stderr
+    result = calibrate(tmp_path, *rig, "--calibrator", calibrator)
+    assert result.returncode == 0, result.stdout + result.stderr
     run = run_in(tmp_path, *rig, "--calibration", FILE, *JUDGE)
     # The bench's other calibrators are red there: it is for this that it ships.
     assert run.measured["heading.calibration.max"]["outcome"] == outcome

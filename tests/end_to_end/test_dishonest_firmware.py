@@ -43,7 +43,7 @@ def run(elf: Path, folder: Path, suites: str, *, poses: str = "level", code: int
     assert done.returncode == code, done.stdout + done.stderr
     record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
     output = " ".join((done.stdout + done.stderr).split())
-    return Ended(output, {each["name"]: each["value"] for each in record["measurements"]})
+    return Ended(output, {measurement["name"]: measurement["value"] for measurement in record["measurements"]})
 
 
 @pytest.mark.parametrize(
@@ -56,13 +56,13 @@ def test_headings_that_its_own_calibration_and_means_do_not_give(
 ) -> None:
     edit = Edit("orientation/tilt_heading.c", "turned < 360.0f ? turned : 0.0f;", f"{answered};")
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or heading")
-    told = r"the firmware contradicts itself: it answers a heading of \d+\.\d{4} degrees under '[a-z-]+' at heading"
-    assert re.search(told, ended.output), ended.output
+    answer = r"the firmware contradicts itself: it answers a heading of \d+\.\d{4} degrees under '[a-z-]+' at heading"
+    assert re.search(answer, ended.output), ended.output
     assert "heading.direct.max" not in ended.measured  # no wrong number is recorded
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("atan2f(side, ahead)", "atan2f(-b[1], b[0])", "tilt compensation is missing"),
         ("ahead) * DEGREES_PER_RADIAN;", "ahead) * DEGREES_PER_RADIAN + 3.5f;", "a constant +3.5 degrees is added"),
@@ -71,11 +71,11 @@ def test_headings_that_its_own_calibration_and_means_do_not_give(
     ids=["no tilt compensation", "a declination", "the wrong way round"],
 )
 def test_a_heading_that_another_computation_gives_names_that(
-    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, old: str, new: str, told: str
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     edit = Edit("orientation/tilt_heading.c", old, new)
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or heading", poses="all")
-    assert re.search(rf"the firmware contradicts itself: .* degrees; {re.escape(told)}", ended.output), ended.output
+    assert re.search(rf"the firmware contradicts itself: .* degrees; {re.escape(message)}", ended.output), ended.output
 
 
 @pytest.mark.parametrize(
@@ -97,12 +97,12 @@ def test_a_heading_that_another_computation_gives_names_that(
 )
 def test_cycles_that_the_board_did_not_count(copy_of_the_firmware: FirmwareCopy, tmp_path: Path, edit: Edit) -> None:
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or cycles")
-    told = re.search(
+    match = re.search(
         r"the firmware contradicts the board: it reports (\d+) cycles of direct, and the board counted (\d+) in",
         ended.output,
     )
-    assert told, ended.output
-    assert int(told[2]) > 1.2 * int(told[1])
+    assert match, ended.output
+    assert int(match[2]) > 1.2 * int(match[1])
     assert "cycles.direct.total" not in ended.measured
 
 
@@ -112,9 +112,9 @@ def test_cycles_of_a_streams_steps_that_the_board_did_not_count(
     step = "count_step_cycles(step, state, point, status);\n    cost.cycles = "
     edit = Edit(TIMED, f"{step}total - cost.overhead_cycles;", f"{step}(total - cost.overhead_cycles) / 2u;")
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "test_cost_of_a_new_point")
-    told = re.search(r"it reports (\d+) cycles of direct-stream.add, and the board counted (\d+) in", ended.output)
-    assert told, ended.output
-    assert int(told[2]) > 1.5 * int(told[1])
+    match = re.search(r"it reports (\d+) cycles of direct-stream.add, and the board counted (\d+) in", ended.output)
+    assert match, ended.output
+    assert int(match[2]) > 1.5 * int(match[1])
     assert not any(name.startswith("stream.") for name in ended.measured)
 
 
@@ -149,7 +149,7 @@ def test_the_packaged_build_id_of_a_file_without_a_note(
 
 
 @pytest.mark.parametrize(
-    ("function", "code", "told"),
+    ("function", "code", "message"),
     [
         ("dpi_from_pairs", 22, "cycles.direct.total: the board cannot count the cycles of direct: its function"),
         ("magnetometer_empty", 1, "the board counted 3 in its call"),
@@ -158,10 +158,10 @@ def test_the_packaged_build_id_of_a_file_without_a_note(
     ids=["not called", "another one", "not there"],
 )
 def test_the_function_that_the_rig_names_is_the_one_that_is_counted(
-    run_in, edited, tmp_path: Path, function: str, code: int, told: str
+    run_in, edited, tmp_path: Path, function: str, code: int, message: str
 ) -> None:
     rig = edited(("[limits]", f'[cycles]\ndirect = "{function}"\n\n[limits]'))
     ended = run_in(tmp_path, "--rig", rig, "--", "-k", "identity or cycles")
     output = " ".join((ended.output + ended.errors).split())
-    assert told in output
+    assert message in output
     assert ended.code == code, output

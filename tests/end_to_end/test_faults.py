@@ -31,21 +31,21 @@ FEW = (
     "SDA held low",
 )
 OPENING = ("command_sync", "command_identity", "command_sensors", "command_select")
-ALL = [(heads, tried) for heads, each in TABLES.items() for tried in each]
+ALL = [(heads, tried) for heads, table in TABLES.items() for tried in table]
 
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Ended]:
     runs = {noisy: run_short(tmp_path_factory.mktemp("clean") / "run", noisy=noisy) for noisy in (False, True)}
-    assert [each.code for each in runs.values()] == [0, 0]
+    assert [item.code for item in runs.values()] == [0, 0]
     return runs
 
 
 @pytest.mark.parametrize(
     ("heads", "tried"),
     [
-        pytest.param(heads, each, id=f"{number}-{each.what}", marks=[] if each.what in FEW else pytest.mark.ci)
-        for number, (heads, each) in enumerate(ALL)
+        pytest.param(heads, item, id=f"{number}-{item.what}", marks=[] if item.what in FEW else pytest.mark.ci)
+        for number, (heads, item) in enumerate(ALL)
     ],
 )
 def test_a_fault_ends_as_the_page_says_and_leaves_no_wrong_number(
@@ -69,7 +69,7 @@ def test_a_fault_ends_as_the_page_says_and_leaves_no_wrong_number(
 @pytest.mark.parametrize("heads", TABLES)
 def test_the_page_shows_each_fault_and_no_other(heads: str) -> None:
     rows = shown(PAGE.read_text(encoding="utf-8"), heads).splitlines()[2:]
-    assert [each.split("|")[1].strip() for each in rows] == [each.what for each in TABLES[heads]]
+    assert [item.split("|")[1].strip() for item in rows] == [item.what for item in TABLES[heads]]
 
 
 @pytest.mark.ci

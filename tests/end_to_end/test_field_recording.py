@@ -52,7 +52,7 @@ def test_both_find_what_was_recorded_and_agree(shared_data: Callable[[str], Path
     assert done.returncode == 0, done.stdout + done.stderr
     rows = {cells[0]: cells[1:] for line in done.stdout.splitlines() if len(cells := re.split(r" {2,}", line)) > 1}
     assert rows[""] == ["firmware", "calibrated", "direct", "corrected", "iterative"]
-    found_ut = np.array([[float(each) for each in rows[f"hard iron {axis} [uT]"] if each != "-"] for axis in "xyz"])
+    found_ut = np.array([[float(item) for item in rows[f"hard iron {axis} [uT]"] if item != "-"] for axis in "xyz"])
     # Least and most of a tumble that did not see all of the sphere, at 5 % of residual: 2 uT of 44.
     assert np.abs(found_ut - np.array(BIAS_UT)[:, np.newaxis]).max() < 4.0
     assert np.abs(found_ut[:, :1] - found_ut[:, 1:]).max() < 3.0, "they have the same readings"
@@ -60,11 +60,11 @@ def test_both_find_what_was_recorded_and_agree(shared_data: Callable[[str], Path
     assert said_percent == pytest.approx(5.2, abs=1.5), "the README's residual"
     assert field_ut == pytest.approx(44.0, abs=2.0)
     tumbled_s = 34.0
-    stops = [[float(each) for each in rows[f"{tumbled_s + at:.2f} s"]] for at in STOPS_S]
+    stops = [[float(item) for item in rows[f"{tumbled_s + at:.2f} s"]] for at in STOPS_S]
     for before, after, turn_deg in zip(stops, stops[1:], TURNS_DEG, strict=False):
         turned = [wrap_180(one - other) for one, other in zip(after, before, strict=True)]
         # A residual of 5 % across a horizontal part of half the field is 6 degrees of each heading, of which a turn has
         # two. The first column has the firmware's filter in it.
         assert np.abs(np.array(turned[1:]) - turn_deg).max() < 12.0
     for stop in stops:
-        assert max(abs(wrap_180(each - stop[1])) for each in stop[2:]) < 6.0, "their calibrations agree"
+        assert max(abs(wrap_180(item - stop[1])) for item in stop[2:]) < 6.0, "their calibrations agree"

@@ -83,8 +83,8 @@ class Killed:
             running.kill()
         return running.returncode == -signal.SIGKILL
 
-    def witnessed(self, what: str) -> list[str]:
-        path = self.folder / what
+    def witnessed(self, case: str) -> list[str]:
+        path = self.folder / case
         return path.read_text(encoding="utf-8").splitlines() if path.exists() else []
 
     def report(self) -> subprocess.CompletedProcess[str]:
@@ -168,19 +168,23 @@ def test_a_run_of_many_tests_that_is_killed_leaves_each_that_had_finished(number
     if number % 10 < 8:
         assert run is not None
         assert run.verdict.outcome == "cut short"
-        assert [table.name for table in run.tables] == [f"rows.{each:03d}" for each in range(len(run.tests))]
+        assert [table.name for table in run.tables] == [f"rows.{index:03d}" for index in range(len(run.tests))]
 
 
 @pytest.mark.parametrize("number", range(max(2, KILLS // 10)))
 def test_the_main_job_that_is_killed_leaves_what_it_had_measured(number: int, good_run, tmp_path: Path) -> None:
     dice = random.Random(1000 + number)
     tests = good_run.record["tests"]
-    whole = {each["name"]: each for each in good_run.record["measurements"] if each["test"] and not each["volatile"]}
+    whole = {
+        measurement["name"]: measurement
+        for measurement in good_run.record["measurements"]
+        if measurement["test"] and not measurement["volatile"]
+    }
     killed = Killed(tmp_path, "hiltest", "run", "--out", "out", "--", "-p", "witness")
     assert killed.run(kill_after=dice.randrange(1, len(tests)), later_s=dice.uniform(0.0, 0.5))
 
     def expected(finished: list[str]) -> Mapping[str, object]:
-        return {name: each["value"] for name, each in whole.items() if each["test"].rpartition("/")[2] in finished}
+        return {name: item["value"] for name, item in whole.items() if item["test"].rpartition("/")[2] in finished}
 
     run = killed.check(expected)
     assert run is not None
@@ -238,8 +242,8 @@ def test_two_runs_that_begin_in_one_folder_at_once_do_not_mix(tmp_path: Path) ->
     names = ("test_many.py", "test_much.py")
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     both = [subprocess.Popen([*command, name], cwd=tmp_path, env=environment, **pipes) for name in names]
-    errors = [each.communicate(timeout=WAIT_S)[1] for each in both]
-    codes = [each.returncode for each in both]
+    errors = [item.communicate(timeout=WAIT_S)[1] for item in both]
+    codes = [item.returncode for item in both]
     # One was first, unless it was through before the other had begun.
     assert sorted(codes) in ([0, 4], [0, 0])
     run = read_record(tmp_path / "out").run

@@ -91,7 +91,7 @@ def test_a_passing_run_is_read_on_one_screen(good_run) -> None:
     assert len([line for line in lines if not slow.fullmatch(line)]) <= 25
     assert max(map(len, lines)) <= 80
     close = summarise(read_record(good_run.folder).run).close
-    assert [each.name for each in close] == ["cycles.direct-fast.total"]
+    assert [item.name for item in close] == ["cycles.direct-fast.total"]
 
 
 def test_everything_that_was_promised_is_measured(good_run) -> None:
@@ -100,9 +100,10 @@ def test_everything_that_was_promised_is_measured(good_run) -> None:
     assert wanted | set(ALWAYS) <= set(good_run.measured)
     # Judged where the rig has a limit, and said to be information where it has none.
     outcomes = {
-        (each["outcome"], each["limit"] is not None)
-        for each in good_run.measured.values()
-        if each["outcome"] != "not offered"  # what a calibrator does not have, such as the coverage of `iterative`
+        (measurement["outcome"], measurement["limit"] is not None)
+        for measurement in good_run.measured.values()
+        if measurement["outcome"]
+        != "not offered"  # what a calibrator does not have, such as the coverage of `iterative`
     }
     assert outcomes == {("pass", True), ("information", False)}
     assert good_run.measured["board.wall_seconds"]["volatile"]
@@ -128,9 +129,9 @@ def test_the_header_names_board_firmware_and_rig(good_run) -> None:
 
 
 def test_the_means_at_each_known_angle_give_the_headings_that_the_board_answered(good_run) -> None:
-    tables = {each["name"]: each for each in good_run.record["tables"]}
+    tables = {table["name"]: table for table in good_run.record["tables"]}
     answered = np.array(tables["heading.poses"]["rows"], dtype=float)
-    column = [each["name"] for each in tables["heading.poses"]["columns"]].index("answered.uncalibrated")
+    column = [column["name"] for column in tables["heading.poses"]["columns"]].index("answered.uncalibrated")
     means = np.array(tables["heading.means"]["rows"])
     assert means.shape == (60, 6)
     level = answered[:, 3] == 1.0
@@ -146,7 +147,7 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     gate, full = good_run.measured, full_run.measured
     assert gate.keys() < full.keys()
     more = full.keys() - gate.keys()
-    assert {each.split(".")[0] for each in more if each.split(".")[1] not in ("dpi-poses", *FURTHER)} == {
+    assert {item.split(".")[0] for item in more if item.split(".")[1] not in ("dpi-poses", *FURTHER)} == {
         "accelerometer",
         "budget",
         "cycles",
@@ -156,10 +157,10 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     assert {"fit.dpi-poses.n_used", "heading.dpi-poses.max"} <= more
     assert {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in FURTHER} <= more
     of_what_ran = {"board.virtual_seconds", "firmware.stack_most"}
-    same = {each for each in gate if not gate[each]["volatile"]} - of_what_ran
+    same = {item for item in gate if not gate[item]["volatile"]} - of_what_ran
     # Gravity is of an instant that looks at the sensors bound, and when these come hangs on the bytes on the line:
     # 0.1 ms of a tumble of 560 deg/s are 0.06 degrees.
-    of_an_instant = {each for each in same if each.startswith(("fit.dpi.", "heading.dpi."))}
+    of_an_instant = {item for item in same if item.startswith(("fit.dpi.", "heading.dpi."))}
     assert {name: full[name]["value"] for name in same - of_an_instant} == {
         name: gate[name]["value"] for name in same - of_an_instant
     }
@@ -169,7 +170,7 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
 
 @pytest.mark.ci
 def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
-    table = next(each for each in full_run.record["tables"] if each["name"] == "budget.curve")
+    table = next(table for table in full_run.record["tables"] if table["name"] == "budget.curve")
     names = [column["name"] for column in table["columns"]]
     rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
     for calibrator in (*CALIBRATORS, *FURTHER):
@@ -182,7 +183,7 @@ def test_error_against_cycles_ends_where_the_calibrators_do(full_run) -> None:
 
 
 def test_stages_of_a_stream_end_at_what_the_board_answers(good_run) -> None:
-    table = next(each for each in good_run.record["tables"] if each["name"] == "stream.stages")
+    table = next(table for table in good_run.record["tables"] if table["name"] == "stream.stages")
     names = [column["name"] for column in table["columns"]]
     rows = [dict(zip(names, row, strict=True)) for row in table["rows"]]
     for stream in STREAMS:
@@ -198,7 +199,9 @@ def test_slices_flatten_what_a_new_point_costs_at_most(good_run) -> None:
 
 
 def test_cycles_carry_their_model(good_run) -> None:
-    models = {each["cycle_model"] for each in good_run.measured.values() if each["unit"] == "cycle"}
+    models = {
+        measurement["cycle_model"] for measurement in good_run.measured.values() if measurement["unit"] == "cycle"
+    }
     assert models == {good_run.record["board"]["cycle_model"]}
     assert "" not in models
 
@@ -212,13 +215,13 @@ def test_the_stack_stays_within_the_bound_of_the_build(good_run) -> None:
 
 @pytest.mark.parametrize("name", ["direct", "direct-fast", "corrected", "iterative", "dpi"])
 def test_a_calibrator_takes_no_more_stack_than_its_code_can(good_run, name: str) -> None:
-    taken, bound = (good_run.value(f"firmware.{name}.{what}") for what in ("stack", "stack_bound"))
+    selected, bound = (good_run.value(f"firmware.{name}.{case}") for case in ("stack", "stack_bound"))
     # All but the way that direct-fast takes for points that it cannot scale is walked by ordinary points.
-    assert (bound - taken) in ((0, 68) if name == "direct-fast" else (0,))
+    assert (bound - selected) in ((0, 68) if name == "direct-fast" else (0,))
 
 
 def test_junit_holds_the_measurements(good_run) -> None:
-    properties = {each.attrib["name"] for each in ET.parse(good_run.folder / "junit.xml").iter("property")}
+    properties = {item.attrib["name"] for item in ET.parse(good_run.folder / "junit.xml").iter("property")}
     assert {"hil.heading.direct.max", "hil.cycles.iterative.total", "hil.gyroscope.bias_error"} <= properties
 
 
@@ -233,7 +236,7 @@ def test_the_gyroscope_would_fail_without_its_bias_taken_off(good_run) -> None:
 
 def test_two_runs_are_byte_identical_outside_volatile_fields(good_run, run_in, tmp_path: Path) -> None:
     again = run_in(tmp_path)
-    first, second = (json.dumps(without_volatile(each.record), indent=1) for each in (good_run, again))
+    first, second = (json.dumps(without_volatile(item.record), indent=1) for item in (good_run, again))
     assert first == second
 
 
@@ -261,11 +264,11 @@ def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
     rig = edited(('"heading.direct.max" =', '"heading.dirct.max" ='))
     run = run_in(tmp_path, "--rig", rig, "--poses", "level")
     assert run.code == 22
-    known = ", ".join(run.record["board"]["calibrators"])
+    reference = ", ".join(run.record["board"]["calibrators"])
     lines = (tmp_path / "edited.toml").read_text(encoding="utf-8").splitlines()
-    (line,) = (number for number, each in enumerate(lines, start=1) if "dirct" in each)
-    told = f"heading.dirct.max (the board has no calibrator 'dirct'; it has {known}; the limit is in "
-    assert told in run.sentence
+    (line,) = (number for number, line in enumerate(lines, start=1) if "dirct" in line)
+    text = f"heading.dirct.max (the board has no calibrator 'dirct'; it has {reference}; the limit is in "
+    assert text in run.sentence
     assert f"edited.toml:{line})" in run.sentence
 
 

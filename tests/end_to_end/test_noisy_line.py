@@ -128,6 +128,6 @@ def test_firmware_at_fault_is_blamed_on_a_noisy_line_too(
     elf = copy_of_the_firmware.build(edit, tmp_path / "faulty.elf")
     assert blamed(check_link(over_noise(NONE, 1, elf)[0]))
     checks = [checked(over_noise(noise, seed, elf)[0]) for seed in range(3) for noise in (LOST, FLIPPED)]
-    found = [check for check in checks if check is not None]
-    assert found
-    assert all(blamed(check) for check in found)
+    results = [check for check in checks if check is not None]
+    assert results
+    assert all(blamed(check) for check in results)

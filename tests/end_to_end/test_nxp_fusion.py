@@ -26,15 +26,15 @@ def test_its_calibration_is_right_and_its_slices_are_counted(tmp_path: Path) -> 
     elf = foreign_elf("nxp_sensor_fusion.elf")
     text = RIG.read_text(encoding="utf-8")
     for pattern, instead in SHORT:
-        text, found = re.subn(pattern, instead, text, flags=re.M)
-        assert found == 1, pattern
+        text, result = re.subn(pattern, instead, text, flags=re.M)
+        assert result == 1, pattern
     (tmp_path / "short.toml").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "hiltest", "run", "--rig", "short.toml"]
     recorded = [*command, "--firmware", str(elf), "--record", "run.jsonl.gz"]
     done = subprocess.run(recorded, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
     assert done.returncode in (0, 1), done.stdout + done.stderr
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    values = {each["name"]: each["value"] for each in record["measurements"]}
+    values = {measurement["name"]: measurement["value"] for measurement in record["measurements"]}
     # Packets, variables, what its functions cost and the samples that ours got come from the recording as they were.
     replay = [*command[:4], "--replay", "run.jsonl.gz", "--out", "again"]
     replayed = subprocess.run(replay, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)

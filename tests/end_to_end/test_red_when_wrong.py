@@ -42,7 +42,7 @@ def soft_iron_turned_about_the_vertical(degrees: float) -> str:
 
 def recomputed_maxima(record: dict[str, Any]) -> tuple[float, ...]:
     """Return the worst heading of each calibrator and the worst tilt, from what the record says was answered."""
-    table = next(each for each in record["tables"] if each["name"] == "heading.poses")
+    table = next(table for table in record["tables"] if table["name"] == "heading.poses")
     names = [column["name"] for column in table["columns"]]
     columns = dict(zip(names, np.array(table["rows"], dtype=float).T, strict=True))
     worst = [

@@ -79,12 +79,12 @@ def make_bench(folder: Path) -> Path:
 
 
 def changes(comparison: dict[str, Any]) -> dict[str, str]:
-    return {each["name"]: each["change"] for each in comparison["differences"]}
+    return {row["name"]: row["change"] for row in comparison["differences"]}
 
 
 def difference(comparison: dict[str, Any], name: str) -> dict[str, Any]:
-    (found,) = [each for each in comparison["differences"] if each["name"] == name]
-    return dict(found)
+    (result,) = [row for row in comparison["differences"] if row["name"] == name]
+    return dict(result)
 
 
 @pytest.fixture(scope="module")
@@ -109,12 +109,12 @@ def test_one_nop_a_point_is_a_regression_that_says_how_many_cycles(
     new = copy_of_the_firmware.build(ONE_NOP_A_POINT, bench / "new.elf")
     run = run_in(bench, "--firmware", str(new), "--against", str(OLD), *COST)
     assert run.code == 21, run.output + run.errors
-    found = difference(run.record["comparison"], "cycles.direct.total")
+    result = difference(run.record["comparison"], "cycles.direct.total")
     # Its own cycle for each of a hundred points, and what the compiler's order of instructions loses around it.
-    assert found["change"] == "worse"
-    assert 100 <= found["delta"] <= 300
+    assert result["change"] == "worse"
+    assert 100 <= result["delta"] <= 300
     assert "worse: cycles.direct." in run.sentence
-    assert f" {found['base']:,} -> {found['new']:,} cycles (+{found['delta']}, ".replace(",", " ", 2) in run.sentence
+    assert f" {result['base']:,} -> {result['new']:,} cycles (+{result['delta']}, ".replace(",", " ", 2) in run.sentence
     assert run.sentence.startswith("REGRESSION. ")
     assert " Not to be merged (against " in run.sentence
 
@@ -132,9 +132,9 @@ def test_a_degree_about_a_horizontal_axis_is_worse_in_max_and_rms_over_eight_see
     comparison = summary["comparison"]
     assert comparison["obstacles"] == []
     for name in ("heading.direct.max", "heading.direct.rms"):
-        found = difference(comparison, name)
-        assert (found["change"], found["seeds"]) == ("worse", 8)
-        assert found["interval"][0] > 0
+        result = difference(comparison, name)
+        assert (result["change"], result["seeds"]) == ("worse", 8)
+        assert result["interval"][0] > 0
     assert "worse (2)\n  heading.direct.max " in over_eight_seeds.output
     last = over_eight_seeds.output.rstrip().splitlines()[-1]
     assert ": REGRESSION. Not to be merged (against " in last
@@ -149,16 +149,16 @@ def test_three_tenths_of_a_degree_on_every_heading_are_worse_bias_on_one_seed(
     before = over_eight_seeds.folder / "against"
     run = run_in(bench, "--firmware", str(new), "--baseline", str(before), *HEADING)
     assert run.code == 21, run.output
-    found = difference(run.record["comparison"], "heading.direct.bias")
-    assert (found["change"], found["seeds"]) == ("worse", 1)
-    assert found["delta"] == pytest.approx(0.30, abs=0.01)
+    result = difference(run.record["comparison"], "heading.direct.bias")
+    assert (result["change"], result["seeds"]) == ("worse", 1)
+    assert result["delta"] == pytest.approx(0.30, abs=0.01)
     assert "heading.direct.bias " in run.sentence
 
 
 def test_a_vanished_measurement_is_named(run_in, cost_before: Path, bench: Path) -> None:
     suite = bench / "hil" / "suites" / "test_compass.py"
-    kept = [line for line in SUITE.splitlines() if "cycles.direct.fixed" not in line]
-    suite.write_text("\n".join(kept), encoding="utf-8")
+    lines = [line for line in SUITE.splitlines() if "cycles.direct.fixed" not in line]
+    suite.write_text("\n".join(lines), encoding="utf-8")
     run = run_in(bench, "--firmware", str(OLD), "--baseline", str(cost_before), *COST)
     assert run.code == 22, run.output
     assert "measurement missing: cycles.direct.fixed" in run.sentence
@@ -174,8 +174,8 @@ def test_a_step_less_is_better_and_what_a_step_costs_is_not_missed(
     new = copy_of_the_firmware.build(ONE_STEP_LESS, bench / "new.elf")
     run = run_in(bench, "--firmware", str(new), "--against", str(OLD))
     assert run.code == 0, run.output
-    found = difference(run.record["comparison"], "cycles.corrected.per_iteration")
-    assert (found["change"], found["new"], found["note"]) == (
+    result = difference(run.record["comparison"], "cycles.corrected.per_iteration")
+    assert (result["change"], result["new"], result["note"]) == (
         "changed",
         None,
         "not offered: it took 1 iteration, but the cost of one needs two",

@@ -20,7 +20,7 @@ FITTED = "        background->iron = iron;\n"
 
 
 @pytest.mark.parametrize(
-    ("edit", "poses", "red", "told"),
+    ("edit", "poses", "red", "message"),
     [
         (
             Edit("compass/main.c", SAID, f"    state.heading_deg = 360.0f - state.heading_deg;\n{SAID}"),
@@ -79,7 +79,7 @@ FITTED = "        background->iron = iron;\n"
     ],
 )
 def test_a_compass_with_a_mistake_is_red_by_its_name(
-    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, edit: Edit, poses: str, red: str, told: str
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, edit: Edit, poses: str, red: str, message: str
 ) -> None:
     elf = copy_of_the_firmware.build_compass(edit, tmp_path / "edited.elf")
     command = [sys.executable, "-m", "hiltest", "run", "--rig", "text-compass", "--poses", *poses.split()]
@@ -87,6 +87,6 @@ def test_a_compass_with_a_mistake_is_red_by_its_name(
         [*command, "--firmware", str(elf)], capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path
     )
     assert done.returncode == 1, done.stdout + done.stderr
-    assert told in " ".join(done.stdout.split())
+    assert message in " ".join(done.stdout.split())
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    assert red in [each["name"] for each in record["measurements"] if each["outcome"] == "fail"]
+    assert red in [measurement["name"] for measurement in record["measurements"] if measurement["outcome"] == "fail"]

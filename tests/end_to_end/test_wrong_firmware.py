@@ -35,7 +35,7 @@ class Ended:
     @property
     def values(self) -> dict[str, float | None]:
         """What was measured, by name; None where there was nothing to give."""
-        return {each["name"]: each["value"] for each in self.record["measurements"]}
+        return {measurement["name"]: measurement["value"] for measurement in self.record["measurements"]}
 
 
 RunEdited = Callable[..., Ended]
@@ -76,7 +76,7 @@ OF_THE_ACCELEROMETER = (
 
 
 @pytest.mark.parametrize(
-    ("axes", "told"),
+    ("axes", "message"),
     [
         ((1, 0, "negated", 2), "z is negated (left-handed"),
         ((0, 1, "limited", 2), "x and y are exchanged (left-handed"),
@@ -84,13 +84,13 @@ OF_THE_ACCELEROMETER = (
     ],
 )
 def test_wrong_axes_of_the_accelerometer_are_named_where_a_face_is_another(
-    run_edited: RunEdited, axes: tuple[int, int, str, int], told: str
+    run_edited: RunEdited, axes: tuple[int, int, str, int], message: str
 ) -> None:
     x, y, sign, z = axes
     read = (f"limited(sensor[{x}])", f"limited(sensor[{y}])", f"{sign}(sensor[{z}])")
-    made = "".join(f"    body[{axis}] = {value};\n" for axis, value in enumerate(read))
-    ended = run_edited(Edit("sensors/axes.c", OF_THE_ACCELEROMETER, made))
-    assert re.search(rf"accelerometer: {re.escape(told)}.*: asked for .*, and the board reads", ended.output)
+    result = "".join(f"    body[{axis}] = {value};\n" for axis, value in enumerate(read))
+    ended = run_edited(Edit("sensors/axes.c", OF_THE_ACCELEROMETER, result))
+    assert re.search(rf"accelerometer: {re.escape(message)}.*: asked for .*, and the board reads", ended.output)
 
 
 ADDED = "fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid->centre[axis]"
@@ -106,7 +106,7 @@ OF_ANOTHER_SLOT = """    if (slot > 1u && slots[1].filled) {
 
 
 @pytest.mark.parametrize(
-    ("edit", "told"),
+    ("edit", "message"),
     [
         # 0.6 uT are 6 counts; seen through a soft iron within 3 % of the identity.
         (
@@ -125,9 +125,9 @@ OF_ANOTHER_SLOT = """    if (slot > 1u && slots[1].filled) {
     ],
     ids=["hard iron", "scale", "rotation", "stale"],
 )
-def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited, edit: Edit, told: str) -> None:
+def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited, edit: Edit, message: str) -> None:
     ended = run_edited(edit)
-    assert re.search(rf"likely cause: {told}", ended.output), ended.output
+    assert re.search(rf"likely cause: {message}", ended.output), ended.output
 
 
 def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show_it_right(
@@ -199,11 +199,11 @@ def test_an_accelerometer_calibration_that_is_not_applied_as_it_is_answered_is_a
 
 def test_an_accelerometer_calibration_in_another_unit_is_red(run_edited: RunEdited) -> None:
     edit = Edit("app/accelerometer_commands.c", STORED, IN_MG + STORED)
-    found = run_edited(edit, rig="virtual-k64f-untrimmed").values
+    result = run_edited(edit, rig="virtual-k64f-untrimmed").values
     # 20 mg that stay, or come twice, on one axis alone: 1.1 degrees of tilt at least, times tan(62).
-    assert found["heading.direct.max"] > 2.0
-    assert found["accelerometer.tilt_error"] > 0.3
-    assert found["accelerometer.six_position.offset_error"] < 0.7  # the fit itself is right
+    assert result["heading.direct.max"] > 2.0
+    assert result["accelerometer.tilt_error"] > 0.3
+    assert result["accelerometer.six_position.offset_error"] < 0.7  # the fit itself is right
 
 
 GYROSCOPE_AXES = """void axes_gyroscope(const int16_t sensor[3], int16_t body[3])
@@ -247,7 +247,7 @@ PDB0_BY_ITS_STATUS = """*(volatile unsigned *)0x4004803C |= 1u << 22;
 
 
 @pytest.mark.parametrize(
-    ("edit", "told"),
+    ("edit", "answer"),
     [
         (in_tilt_heading("for (;;) {\n    }"), ("the firmware is hung", "in tilt_heading (tilt_heading.c:")),
         (
@@ -266,16 +266,16 @@ PDB0_BY_ITS_STATUS = """*(volatile unsigned *)0x4004803C |= 1u << 22;
     ids=["hangs", "faults", "waits for what is not modelled"],
 )
 def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_measured(
-    run_edited: RunEdited, edit: Edit, told: tuple[str, ...]
+    run_edited: RunEdited, edit: Edit, answer: tuple[str, ...]
 ) -> None:
     ended = run_edited(edit, exit_code=20)
-    assert [words for words in told if words not in ended.output] == [], ended.output
+    assert [words for words in answer if words not in ended.output] == [], ended.output
     assert ended.values.get("heading.direct.max") is None
     assert ended.values["gyroscope.bias_error"] < 0.1
 
 
 @pytest.mark.parametrize(
-    ("edit", "exit_code", "told"),
+    ("edit", "exit_code", "answer"),
     [
         (
             Edit("boards/frdm_k64f/uart.c", "#define BAUD_DIVISOR 65u", "#define BAUD_DIVISOR 60u"),
@@ -298,8 +298,8 @@ def test_firmware_that_stops_is_a_lost_bench_that_says_where_and_keeps_what_was_
     ids=["another baud rate", "wrong check sums", "another name", "another protocol version"],
 )
 def test_firmware_that_is_not_understood_is_named_and_nothing_is_measured(
-    run_edited: RunEdited, edit: Edit, exit_code: int, told: tuple[str, ...]
+    run_edited: RunEdited, edit: Edit, exit_code: int, answer: tuple[str, ...]
 ) -> None:
     ended = run_edited(edit, exit_code=exit_code)
-    assert [words for words in told if words not in ended.output] == [], ended.output
+    assert [words for words in answer if words not in ended.output] == [], ended.output
     assert ended.values.get("heading.direct.max") is None

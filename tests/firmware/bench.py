@@ -49,9 +49,9 @@ class Bench:
             data = self.board.uart0.host_read(self.board.uart0.host_waiting)
             if not data:
                 return None
-            for found in self.decoder.feed(data):
-                assert not isinstance(found, DamagedFrame)
-                return found
+            for result in self.decoder.feed(data):
+                assert not isinstance(result, DamagedFrame)
+                return result
 
     def request(self, kind: int, payload: bytes = b"", *, sequence: int | None = None) -> Frame:
         self.sequence = (self.sequence + 1) % 256

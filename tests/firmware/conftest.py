@@ -178,8 +178,8 @@ def board_calibrators() -> BoardCalibrators:
 
 @pytest.fixture(scope="session", params=["host", "board"])
 def calibrators(request: pytest.FixtureRequest) -> HostCalibrators | BoardCalibrators:
-    found: HostCalibrators | BoardCalibrators = request.getfixturevalue(f"{request.param}_calibrators")
-    return found
+    result: HostCalibrators | BoardCalibrators = request.getfixturevalue(f"{request.param}_calibrators")
+    return result
 
 
 @pytest.fixture(scope="session")
@@ -197,5 +197,5 @@ def board_stream() -> Callable[[str], BoardStream]:
 
 @pytest.fixture(scope="session", params=["host", "board"])
 def stream(request: pytest.FixtureRequest) -> Callable[[str], Stream]:
-    found: Callable[[str], Stream] = request.getfixturevalue(f"{request.param}_stream")
-    return found
+    result: Callable[[str], Stream] = request.getfixturevalue(f"{request.param}_stream")
+    return result

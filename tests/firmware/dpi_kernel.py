@@ -91,7 +91,7 @@ class HostDpi:
         self._library = library
 
     def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
-        rows = [np.ascontiguousarray(each, dtype="<i2") for each in (magnetometer, accelerometer)]
+        rows = [np.ascontiguousarray(item, dtype="<i2") for item in (magnetometer, accelerometer)]
         task = struct.pack("PP", *(row.ctypes.data for row in rows)) + _range(rows[0])
         return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
 
@@ -100,9 +100,9 @@ class HostDpi:
         task = struct.pack("PH", ctypes.addressof(poses), len(magnetometer))
         return self._run("dpi_from_poses", task, _known(gain, offset, dip_deg))
 
-    def _run(self, function: str, task: bytes, known: bytes) -> DpiAnswer:
+    def _run(self, function: str, task: bytes, reference: bytes) -> DpiAnswer:
         result = ctypes.create_string_buffer(RESULT.size)
-        getattr(self._library, function)(task, known, result)
+        getattr(self._library, function)(task, reference, result)
         return DpiAnswer(result.raw)
 
 
@@ -119,7 +119,7 @@ class BoardDpi:
         self.last: CallResult | None = None
 
     def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
-        rows = [np.ascontiguousarray(each, dtype="<i2") for each in (magnetometer, accelerometer)]
+        rows = [np.ascontiguousarray(item, dtype="<i2") for item in (magnetometer, accelerometer)]
         memory = self._board.processor.memory
         memory.write(self.MAGNETOMETER, rows[0].tobytes())
         memory.write(self.ACCELEROMETER, rows[1].tobytes())
@@ -131,9 +131,9 @@ class BoardDpi:
         task = struct.pack("<IH", self.MAGNETOMETER, len(magnetometer))
         return self._run("dpi_from_poses", task, _known(gain, offset, dip_deg))
 
-    def _run(self, function: str, task: bytes, known: bytes) -> DpiAnswer:
+    def _run(self, function: str, task: bytes, reference: bytes) -> DpiAnswer:
         memory = self._board.processor.memory
         memory.write(self.TASK, task)
-        memory.write(self.KNOWN, known)
+        memory.write(self.KNOWN, reference)
         self.last = self._board.call(function, self.TASK, self.KNOWN, self.RESULT)
         return DpiAnswer(memory.read(self.RESULT, RESULT.size))

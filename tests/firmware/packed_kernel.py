@@ -41,7 +41,7 @@ def _counts(points: ArrayLike) -> NDArray[np.int16]:
 
 def _settings(count: int, anchor: ArrayLike, shift: int) -> bytes:
     """packed_block_t from its count on."""
-    x, y, z = (int(each) & 0xFFFF for each in np.asarray(anchor))
+    x, y, z = (int(item) & 0xFFFF for item in np.asarray(anchor))
     lanes = ~(((1 << shift) - 1) << 16) & 0xFFFFFFFF
     words = (count, y << 16 | x, x << 16 | z, z << 16 | y, 0x8000 + shift, lanes)
     return struct.pack("<6If", *words, 2.0 ** (16 - 2 * shift))

@@ -61,9 +61,9 @@ def c_name(method: str) -> str:
 def host_fits(host_library: ctypes.CDLL) -> Fits:
     def fit(method: str, poses: Sequence[StillPose]) -> AccelerometerSolution:
         held = ctypes.create_string_buffer(b"".join(map(packed, poses)), POSE.size * len(poses) + 1)
-        found = ctypes.create_string_buffer(FIT.size)
-        getattr(host_library, c_name(method))(struct.pack("PBxxxxxxx", ctypes.addressof(held), len(poses)), found)
-        return unpacked(*FIT.unpack(found.raw))
+        result = ctypes.create_string_buffer(FIT.size)
+        getattr(host_library, c_name(method))(struct.pack("PBxxxxxxx", ctypes.addressof(held), len(poses)), result)
+        return unpacked(*FIT.unpack(result.raw))
 
     return fit
 
@@ -86,8 +86,8 @@ def board_fits() -> Fits:
 
 @pytest.fixture(scope="session", params=["host", "board"])
 def fits(request: pytest.FixtureRequest) -> Fits:
-    found: Fits = request.getfixturevalue(f"{request.param}_fits")
-    return found
+    result: Fits = request.getfixturevalue(f"{request.param}_fits")
+    return result
 
 
 def drawn(seed: int, directions: np.ndarray, faces: Sequence[Face]) -> list[StillPose]:
@@ -141,11 +141,11 @@ def test_c_and_float64_agree_over_untrimmed_parts(host_fits: Fits, method: str) 
     differences, fitted = [], 0
     for seed in range(INSTANCES):
         poses = instance(method, seed)
-        ours, wanted = host_fits(method, poses), METHODS[method](poses)
-        assert ours.status is wanted.status, f"seed {seed}"
-        if wanted.status is AccelerometerStatus.OK:
+        ours, expected = host_fits(method, poses), METHODS[method](poses)
+        assert ours.status is expected.status, f"seed {seed}"
+        if expected.status is AccelerometerStatus.OK:
             fitted += 1
-            differences.append(largest_difference_mg(ours.fit, wanted.fit))
+            differences.append(largest_difference_mg(ours.fit, expected.fit))
     median, p99, largest = np.percentile(differences, [50, 99, 100])
     print(f"{method}: {fitted} of {INSTANCES} fitted, {median:.2g} / {p99:.2g} / {largest:.2g} mg")
     assert fitted > 0.8 * INSTANCES
@@ -183,8 +183,8 @@ def test_c_and_float64_find_the_same_faces_at_fault(
         for face, lies_on, spread, size in drawn_faces
     ]
     for poses in (changed, [*keep[: 6 - len(drawn_faces) % 6], *changed]):
-        ours, wanted = fits("six-position", poses), METHODS["six-position"](poses)
-        assert (ours.status, ours.faces, ours.pose) == (wanted.status, wanted.faces, wanted.pose)
+        ours, expected = fits("six-position", poses), METHODS["six-position"](poses)
+        assert (ours.status, ours.faces, ours.pose) == (expected.status, expected.faces, expected.pose)
 
 
 def test_an_ellipsoid_of_poses_that_tell_too_little_is_refused(fits: Fits) -> None:
@@ -199,8 +199,8 @@ def test_an_ellipsoid_of_poses_that_tell_too_little_is_refused(fits: Fits) -> No
         poses = [replace(GOOD[0], accelerometer=COUNTS_PER_G * row, face=Face.NONE) for row in rows]
         if shaken is not None:
             poses[shaken] = replace(poses[shaken], accelerometer_spread=np.array([0.0, 0.0, 41.0]))
-        ours, wanted = fits("ellipsoid", poses), METHODS["ellipsoid"](poses)
-        assert (ours.status, ours.pose) == (wanted.status, wanted.pose)
+        ours, expected = fits("ellipsoid", poses), METHODS["ellipsoid"](poses)
+        assert (ours.status, ours.pose) == (expected.status, expected.pose)
         assert ours.status is not AccelerometerStatus.OK
         assert np.array_equal(ours.fit.gain, NOMINAL.gain)
         assert np.array_equal(ours.fit.offset, NOMINAL.offset)
@@ -223,9 +223,9 @@ def test_no_poses_whatever_end_in_nan_or_infinity(
         replace(GOOD[0], face=faces[k % 6], accelerometer=np.array(mean) + around * np.array(faces[k % 6].gravity_g))
         for k, mean in enumerate(means)
     ]
-    found = fits(method, [pose for pose in poses if np.abs(pose.accelerometer).max() < 3e38])
-    assert np.isfinite(found.fit.gain).all()
-    assert np.isfinite(found.fit.offset).all()
+    result = fits(method, [pose for pose in poses if np.abs(pose.accelerometer).max() < 3e38])
+    assert np.isfinite(result.fit.gain).all()
+    assert np.isfinite(result.fit.offset).all()
 
 
 # -- the command --------------------------------------------------------------------------------
@@ -262,11 +262,11 @@ def test_the_command_answers_fit_residual_and_cycles(bench: Bench, method: str) 
     poses = instance(method, 31)  # 40 poses for the ellipsoid
     put(bench, poses)
     *fields, cycles, overhead = REPLY.unpack(bench.ask(FIT_ACCELEROMETER, asked(len(poses), method)))
-    ours, wanted = unpacked(*fields), METHODS[method](poses)
+    ours, expected = unpacked(*fields), METHODS[method](poses)
     assert (ours.status, ours.faces, ours.pose) == (AccelerometerStatus.OK, (), None)
-    assert largest_difference_mg(ours.fit, wanted.fit) < TOLERANCE_MG[method]
-    assert ours.residual_mg == pytest.approx(wanted.residual_mg, abs=TOLERANCE_MG[method])
-    assert wanted.residual_mg > 0.1
+    assert largest_difference_mg(ours.fit, expected.fit) < TOLERANCE_MG[method]
+    assert ours.residual_mg == pytest.approx(expected.residual_mg, abs=TOLERANCE_MG[method])
+    assert expected.residual_mg > 0.1
     print(method, len(poses), cycles, overhead)
     assert cycles in CYCLES[method]
     # Nothing else enters: a second run costs what the first did.
@@ -276,9 +276,9 @@ def test_the_command_answers_fit_residual_and_cycles(bench: Bench, method: str) 
 def test_a_fault_comes_with_its_faces_and_no_residual(bench: Bench) -> None:
     put(bench, [GOOD[0], SHAKEN, *GOOD[2:]])
     *fields, _, _ = REPLY.unpack(bench.ask(FIT_ACCELEROMETER, asked(6, "six-position")))
-    found = unpacked(*fields)
-    assert (found.status, found.faces, found.pose) == (AccelerometerStatus.MOVED, (Face.MINUS_X,), 1)
-    assert found.residual_mg == 0.0
+    result = unpacked(*fields)
+    assert (result.status, result.faces, result.pose) == (AccelerometerStatus.MOVED, (Face.MINUS_X,), 1)
+    assert result.residual_mg == 0.0
     *fields, _, _ = REPLY.unpack(bench.ask(FIT_ACCELEROMETER, asked(0, "six-position")))
     assert unpacked(*fields).faces == FACES
 

@@ -56,17 +56,17 @@ def _fits(name: str, clouds: list[NDArray[np.int16]]) -> list[MagnetometerFit]:
     """Fit clouds of one size, at once where the reference can."""
     if name not in BATCHES:
         return [reference(name)(points) for points in clouds]
-    found = BATCHES[name](np.array(clouds))
+    result = BATCHES[name](np.array(clouds))
     return [
         MagnetometerFit(FitStatus(int(status)), False, 0, soft_iron, hard_iron)
-        for status, soft_iron, hard_iron in zip(found.status, found.soft_iron, found.hard_iron, strict=True)
+        for status, soft_iron, hard_iron in zip(result.status, result.soft_iron, result.hard_iron, strict=True)
     ]
 
 
-def _coverage_is_judged_otherwise(ours: MagnetometerFit, wanted: MagnetometerFit) -> bool:
+def _coverage_is_judged_otherwise(ours: MagnetometerFit, expected: MagnetometerFit) -> bool:
     """The firmware judges by its pivots, these references by the condition number: what is near both limits differs."""
-    refused = FitStatus.POOR_COVERAGE in (ours.status, wanted.status)
-    return refused and ours.status != wanted.status and ours.coverage > 0.0
+    refused = FitStatus.POOR_COVERAGE in (ours.status, expected.status)
+    return refused and ours.status != expected.status and ours.coverage > 0.0
 
 
 @pytest.mark.parametrize("name", CALIBRATORS)
@@ -76,17 +76,17 @@ def test_c_and_float64_agree_over_the_thesis_generator(host_calibrators: Runner,
     caps: dict[str, Counter[str]] = {"firmware": Counter(), "reference": Counter()}
     otherwise = 0
     instances = _instances()
-    for drawn, wanted in zip(instances, _fits(name, [each.points_counts for each in instances]), strict=True):
+    for drawn, expected in zip(instances, _fits(name, [item.points_counts for item in instances]), strict=True):
         ours = host_calibrators.calibrate(name, drawn.points_counts)
-        if name in BATCHES and _coverage_is_judged_otherwise(ours, wanted):
+        if name in BATCHES and _coverage_is_judged_otherwise(ours, expected):
             otherwise += 1
             continue
-        assert ours.status == wanted.status, f"seed {drawn.seed}"
+        assert ours.status == expected.status, f"seed {drawn.seed}"
         if drawn.seed in CAP_SEEDS:
             caps["firmware"][ours.status.name] += 1
-            caps["reference"][wanted.status.name] += 1
+            caps["reference"][expected.status.name] += 1
         elif ours.status is FitStatus.ELLIPSOID:
-            differences.append(direction_difference_rms_deg(ours, wanted))
+            differences.append(direction_difference_rms_deg(ours, expected))
     median, p99, largest = np.percentile(differences, [50, 99, 100])
     print(f"{name}: {len(differences)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg; caps {caps}")
     assert len(differences) >= 450
@@ -106,9 +106,9 @@ def test_float32_adds_at_most_two_thousandths_of_a_degree_to_direct(host_calibra
     extra: list[float] = []
     for seed in range(1000):
         points = instance(seed, count, stretch=0.5, largest_hard_iron_ut=500.0, covered=(0.5, 1.0)).points_counts
-        ours, wanted = host_calibrators.calibrate("direct", points), fit_reference(points)
-        if ours.status is wanted.status is FitStatus.ELLIPSOID:
-            extra.append(direction_difference_rms_deg(ours, wanted))
+        ours, expected = host_calibrators.calibrate("direct", points), fit_reference(points)
+        if ours.status is expected.status is FitStatus.ELLIPSOID:
+            extra.append(direction_difference_rms_deg(ours, expected))
     median, p99, largest = np.percentile(extra, [50, 99, 100])
     print(f"direct, n = {count}: {len(extra)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg from float64")
     assert len(extra) >= 600
@@ -122,14 +122,14 @@ def test_float32_is_stable_however_large_the_hard_iron(host_calibrators: Runner,
     clouds = [instance(seed, count).points_counts for seed in range(3000, 3150)]
     differences: list[float] = []
     otherwise = 0
-    for points, wanted in zip(clouds, _fits(name, clouds), strict=True):
+    for points, expected in zip(clouds, _fits(name, clouds), strict=True):
         ours = host_calibrators.calibrate(name, points)
-        if _coverage_is_judged_otherwise(ours, wanted):
+        if _coverage_is_judged_otherwise(ours, expected):
             otherwise += 1
             continue
-        assert ours.status == wanted.status
+        assert ours.status == expected.status
         if ours.status is FitStatus.ELLIPSOID:
-            differences.append(direction_difference_rms_deg(ours, wanted))
+            differences.append(direction_difference_rms_deg(ours, expected))
     median, p99, largest = np.percentile(differences, [50, 99, 100])
     print(f"{name}, n = {count}: {len(differences)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg")
     assert len(differences) >= 45
@@ -145,13 +145,13 @@ def test_gradient_descent_ends_on_the_edge_where_the_best_quadric_is_no_ellipsoi
         points = np.random.default_rng(seed).integers(-1000, 1000, (12, 3))
         if reference("direct")(points).status is not FitStatus.NOT_AN_ELLIPSOID:
             continue
-        ours, wanted = host_calibrators.calibrate("gradient-descent", points), reference("gradient-descent")(points)
-        assert ours.status is wanted.status
+        ours, expected = host_calibrators.calibrate("gradient-descent", points), reference("gradient-descent")(points)
+        assert ours.status is expected.status
         if ours.status is FitStatus.ELLIPSOID:
             shares = np.linalg.eigvalsh(ours.soft_iron) ** 2
             on_edge += bool(shares[0] / shares.sum() == pytest.approx(0.01, rel=1e-3))
             # The end of either descent is within 1e-5 of the minimum, float32 of these conditions within 6e-5.
-            assert np.allclose(ours.soft_iron, wanted.soft_iron, rtol=0, atol=1e-4 * np.abs(wanted.soft_iron).max())
+            assert np.allclose(ours.soft_iron, expected.soft_iron, rtol=0, atol=1e-4 * np.abs(expected.soft_iron).max())
     assert on_edge >= 4
 
 
@@ -180,17 +180,17 @@ def test_moments_match_integer_arithmetic(calibrators: Runner, cloud: Path) -> N
 @pytest.mark.parametrize("cloud", CLOUDS, ids=lambda path: path.stem)
 def test_closed_forms_match_exact_arithmetic(calibrators: Runner, name: str, cloud: Path) -> None:
     golden = json.loads(cloud.read_text())
-    fit, wanted = calibrators.calibrate(name, golden["points"]), golden[name]
-    assert fit.status.name == wanted["status"]
-    assert fit.is_sphere == wanted["is_sphere"]
-    assert fit.iterations == wanted.get("iterations", 0)
-    soft_iron = np.array(wanted["soft_iron"]).reshape(3, 3)
+    fit, expected = calibrators.calibrate(name, golden["points"]), golden[name]
+    assert fit.status.name == expected["status"]
+    assert fit.is_sphere == expected["is_sphere"]
+    assert fit.iterations == expected.get("iterations", 0)
+    soft_iron = np.array(expected["soft_iron"]).reshape(3, 3)
     # float32 sums of 300 points carry 2e-6; the condition of the normal equations (below 100 here) multiplies it.
     assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=2e-4 * soft_iron.max())
     radius = 1.0 / soft_iron[0, 0]
-    assert np.allclose(fit.hard_iron, wanted["hard_iron"], rtol=0, atol=2e-4 * radius)
-    if wanted["coverage"] is not None:
-        assert fit.coverage == pytest.approx(wanted["coverage"], rel=2e-3)
+    assert np.allclose(fit.hard_iron, expected["hard_iron"], rtol=0, atol=2e-4 * radius)
+    if expected["coverage"] is not None:
+        assert fit.coverage == pytest.approx(expected["coverage"], rel=2e-3)
 
 
 @pytest.mark.parametrize("name", CALIBRATORS)

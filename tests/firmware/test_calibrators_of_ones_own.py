@@ -75,7 +75,7 @@ def test_a_run_judges_the_example_beside_the_others_and_says_what_it_is_worth(
     assert done.returncode == 1, done.stdout + done.stderr
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text())
     assert "mid-range" in record["board"]["calibrators"]
-    measured = {each["name"]: each for each in record["measurements"]}
+    measured = {measurement["name"]: measurement for measurement in record["measurements"]}
     # The page says that it is held to 2 degrees and is worse than that; the others are as good as without it.
     assert measured["heading.mid-range.max"]["limit"] == {"min": None, "max": 2.0}
     assert measured["heading.mid-range.max"]["outcome"] == "fail"

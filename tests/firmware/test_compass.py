@@ -95,62 +95,62 @@ class Said:
 
 
 @pytest.fixture(scope="module")
-def said() -> Said:
+def output() -> Said:
     return Said()
 
 
 def of(quantity: Quantity, observed: Sequence[Observation]) -> list[NDArray[np.float64]]:
-    return [each.values[quantity] for each in observed if quantity in each.values]
+    return [reading.values[quantity] for reading in observed if quantity in reading.values]
 
 
 def errors_deg(heard: Sequence[Sequence[Observation]]) -> list[float]:
     """Errors of the mean headings, of which the mounting is known."""
-    means = [circular_mean_deg(float(each[0]) for each in of(Quantity.HEADING, observed)) for observed in heard]
+    means = [circular_mean_deg(float(item[0]) for item in of(Quantity.HEADING, observed)) for observed in heard]
     return [heading_error_deg(mean, pose.heading_deg + MOUNTING_DEG) for mean, pose in zip(means, POSES, strict=False)]
 
 
-def test_ten_lines_a_second_are_all_understood(said: Said) -> None:
+def test_ten_lines_a_second_are_all_understood(output: Said) -> None:
     # Two seconds hold 20 lines, one more or less at the edges.
-    assert len(of(Quantity.HEADING, said.at_rest)) in (19, 20, 21)
-    assert said.not_understood == 0
-    (gravity,) = {tuple(np.round(each, 1)) for each in of(Quantity.ACCELEROMETER, said.at_rest)}
+    assert len(of(Quantity.HEADING, output.at_rest)) in (19, 20, 21)
+    assert output.not_understood == 0
+    (gravity,) = {tuple(np.round(item, 1)) for item in of(Quantity.ACCELEROMETER, output.at_rest)}
     assert gravity == (0.0, 0.0, 1.0)
 
 
-def test_without_a_tumble_it_says_that_it_is_not_calibrated_and_errs(said: Said) -> None:
-    assert {float(each[0]) for each in of(Quantity.CALIBRATED, said.at_rest)} == {0.0}
-    assert of(Quantity.HARD_IRON, said.at_rest) == []
+def test_without_a_tumble_it_says_that_it_is_not_calibrated_and_errs(output: Said) -> None:
+    assert {float(item[0]) for item in of(Quantity.CALIBRATED, output.at_rest)} == {0.0}
+    assert of(Quantity.HARD_IRON, output.at_rest) == []
     # A hard iron of 3.3 uT beside a horizontal field of 22.8 turns a heading by up to 8 degrees.
-    assert max(map(abs, errors_deg(said.before))) > 3.0
+    assert max(map(abs, errors_deg(output.before))) > 3.0
 
 
-def test_it_calibrates_itself_while_it_is_tumbled_and_goes_on_sampling(said: Said) -> None:
-    calibrated = [float(each[0]) for each in of(Quantity.CALIBRATED, said.tumbled)]
+def test_it_calibrates_itself_while_it_is_tumbled_and_goes_on_sampling(output: Said) -> None:
+    calibrated = [float(item[0]) for item in of(Quantity.CALIBRATED, output.tumbled)]
     assert (calibrated[0], calibrated[-1]) == (0.0, 1.0)
     assert calibrated == sorted(calibrated)
-    assert len(calibrated) == pytest.approx(10.0 * said.tumble_s, abs=2)
+    assert len(calibrated) == pytest.approx(10.0 * output.tumble_s, abs=2)
 
 
-def test_it_knows_the_worlds_iron_then(said: Said) -> None:
-    found = of(Quantity.HARD_IRON, said.tumbled)
-    assert len(found) > 5  # the fits of ever more points
+def test_it_knows_the_worlds_iron_then(output: Said) -> None:
+    result = of(Quantity.HARD_IRON, output.tumbled)
+    assert len(result) > 5  # the fits of ever more points
     # 100 points of 0.4 uT: an axis of the centre has 0.06 to 0.08 uT rms.
-    np.testing.assert_allclose(found[-1], HARD_IRON_UT, atol=0.3)
-    assert of(Quantity.FIELD_STRENGTH, said.tumbled)[-1] == pytest.approx(48.5, abs=0.5)
-    assert of(Quantity.FIT_ERROR, said.tumbled)[-1] == pytest.approx(100 * 0.4 / 48.5, rel=0.3)
+    np.testing.assert_allclose(result[-1], HARD_IRON_UT, atol=0.3)
+    assert of(Quantity.FIELD_STRENGTH, output.tumbled)[-1] == pytest.approx(48.5, abs=0.5)
+    assert of(Quantity.FIT_ERROR, output.tumbled)[-1] == pytest.approx(100 * 0.4 / 48.5, rel=0.3)
 
 
-def test_headings_are_within_two_degrees_then_level_and_tilted(said: Said) -> None:
-    assert max(map(abs, errors_deg(said.after))) < 2.0
-    for pose, observed in zip(POSES, said.after, strict=True):
+def test_headings_are_within_two_degrees_then_level_and_tilted(output: Said) -> None:
+    assert max(map(abs, errors_deg(output.after))) < 2.0
+    for pose, observed in zip(POSES, output.after, strict=True):
         assert np.mean(of(Quantity.PITCH, observed)) == pytest.approx(pose.pitch_deg, abs=0.5)
         assert np.mean(of(Quantity.ROLL, observed)) == pytest.approx(pose.roll_deg, abs=0.5)
 
 
-def test_what_it_prints_of_its_calibration_is_what_it_does(said: Said) -> None:
-    soft_iron = of(Quantity.INVERSE_SOFT_IRON, said.all)[-1].reshape(3, 3)
-    hard_iron = of(Quantity.HARD_IRON, said.all)[-1]
-    last = said.all[-1].values
+def test_what_it_prints_of_its_calibration_is_what_it_does(output: Said) -> None:
+    soft_iron = of(Quantity.INVERSE_SOFT_IRON, output.all)[-1].reshape(3, 3)
+    hard_iron = of(Quantity.HARD_IRON, output.all)[-1]
+    last = output.all[-1].values
     field = soft_iron @ (last[Quantity.MAGNETOMETER] - hard_iron)
     # Half a unit of each last decimal: of three numbers of 0.01 uT, and of three of 0.0001 times at most 50 uT.
     np.testing.assert_allclose(last[Quantity.MAGNETOMETER_CALIBRATED], field, atol=0.0225)
@@ -160,7 +160,7 @@ def test_a_board_without_sensors_says_so_once_a_second() -> None:
     machine = VirtualK64F(ELFS["lines"])
     machine.run_until(2.5)
     observed = interface().feed(machine.uart0.host_read(machine.uart0.host_waiting), 2.5)
-    assert [each.error for each in observed] == ["MAG3110"] * 3
+    assert [reading.error for reading in observed] == ["MAG3110"] * 3
 
 
 class Sent:
@@ -182,7 +182,7 @@ class Sent:
         return batch.packets()
 
     def last_of(self, kind: type[P]) -> list[P]:
-        return [each for each in self.last if isinstance(each, kind)]
+        return [item for item in self.last if isinstance(item, kind)]
 
 
 @pytest.fixture(scope="module")
@@ -192,8 +192,8 @@ def sent() -> Sent:
 
 def test_every_state_is_three_packets_of_release_7(sent: Sent) -> None:
     assert sent.lost_bytes == 0
-    assert [each.number for each in sent.first] == list(range(len(sent.first)))
-    assert [each.type for each in sent.first[:6]] == [1, 4, 6, 1, 4, 6]
+    assert [packet.number for packet in sent.first] == list(range(len(sent.first)))
+    assert [item.type for item in sent.first[:6]] == [1, 4, 6, 1, 4, 6]
     assert len(sent.last_of(MainPacket)) in (9, 10, 11)
     main = sent.last_of(MainPacket)[0]
     assert main.algorithm is Algorithm.ACCELEROMETER_MAGNETOMETER
@@ -205,14 +205,14 @@ def test_the_packets_point_to_where_the_lines_do(sent: Sent) -> None:
     heading_deg = circular_mean_deg(angle.compass_deg for angle in angles)
     assert heading_error_deg(heading_deg, sent.pose.heading_deg + MOUNTING_DEG) == pytest.approx(0.0, abs=2.0)
     assert np.mean([angle.roll_deg for angle in angles]) == pytest.approx(sent.pose.roll_deg, abs=0.5)
-    for main, each in zip(sent.last_of(MainPacket), angles, strict=False):
-        rotation = np.roll(from_pose(Pose(each.compass_deg, each.pitch_deg, each.roll_deg)), 1)  # the scalar first
+    for main, item in zip(sent.last_of(MainPacket), angles, strict=False):
+        rotation = np.roll(from_pose(Pose(item.compass_deg, item.pitch_deg, item.roll_deg)), 1)  # the scalar first
         # Angles are cut off at 0.1 degree, which turns a quaternion by 0.0009 at most: a cosine of 1 - 4e-7.
         assert abs(np.dot(rotation, main.rotation)) == pytest.approx(1.0, abs=1e-4)
 
 
 def test_the_packets_show_the_calibration(sent: Sent) -> None:
-    magnetic = {each.shown: each for each in sent.last_of(MagneticPacket7)}
+    magnetic = {item.shown: item for item in sent.last_of(MagneticPacket7)}
     strength = magnetic[Shown.STRENGTH]
     assert (strength.field_strength_ut, strength.variable[2] / 10) == pytest.approx((48.5, 62.0), abs=0.6)
     assert strength.fit_error_percent == pytest.approx(100 * 0.4 / 48.5, rel=0.3)

@@ -58,7 +58,7 @@ def library(require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPat
     ]
     # Undefined behaviour ends the process.
     options += ["-fsanitize=undefined,float-cast-overflow", "-fsanitize-undefined-trap-on-error"]
-    sources = [str(FIRMWARE / each) for each in SOURCES]
+    sources = [str(FIRMWARE / source) for source in SOURCES]
     subprocess.run([require_tool("gcc"), *options, f"-I{FIRMWARE}", *sources, "-o", str(built), "-lm"], check=True)
     return ctypes.CDLL(str(built))
 

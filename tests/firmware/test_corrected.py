@@ -26,7 +26,7 @@ def error_deg(fit: MagnetometerFit, drawn: Instance) -> float:
 def median_errors_deg(runner: Any, seeds: range, covered: tuple[float, float]) -> tuple[float, float]:
     drawn = [instance(seed, BUFFER, noise_ut=NOISE_UT, covered=covered) for seed in seeds]
     direct, corrected = (
-        float(np.median([error_deg(runner.calibrate(name, each.points_counts), each) for each in drawn]))
+        float(np.median([error_deg(runner.calibrate(name, draw.points_counts), draw) for draw in drawn]))
         for name in ("direct", "corrected")
     )
     print(f"n = {BUFFER}, covered {covered}, {seeds}: direct {direct:.3f}, corrected {corrected:.3f} deg")
@@ -67,8 +67,8 @@ def test_noise_that_shrinks_or_refuses_the_step_does_so_in_both(
     ends = set()
     for seed in range(300):
         points = instance(seed, count, noise_ut=noise_ut, covered=covered).points_counts
-        ours, wanted = host_calibrators.calibrate("corrected", points), fit_corrected(points)
-        assert (ours.status, ours.iterations) == (wanted.status, wanted.iterations), f"seed {seed}"
+        ours, expected = host_calibrators.calibrate("corrected", points), fit_corrected(points)
+        assert (ours.status, ours.iterations) == (expected.status, expected.iterations), f"seed {seed}"
         ends.add(ours.iterations)
     assert 2 in ends
 

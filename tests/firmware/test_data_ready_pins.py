@@ -26,10 +26,10 @@ def test_every_sample_raises_its_pin_and_is_read_once(build_program: Callable[[s
     size = symbols["parts"].size // 2
     _, accelerometer, gyroscope = build_sensors(rig, build_world(rig), rig.seed)["i2c1"]
     switched_on = (gyroscope, 0x13, 0x0A), (accelerometer, 0x2A, 0x11)
-    for index, expected in enumerate(polled(*each, until_s=1.325) for each in switched_on):
+    for index, expected in enumerate(polled(*register, until_s=1.325) for register in switched_on):
         part = memory.read(symbols["parts"].address + index * size, size)
         assert part[STATUS] == 0, "I2C status"
         assert int.from_bytes(part[EDGES], "little") == SAMPLES
-        taken = [part[at : at + SAMPLE_BYTES] for at in range(HEAD_BYTES, HEAD_BYTES + 6 * SAMPLES, SAMPLE_BYTES)]
-        first = expected.index(taken[0])
-        assert taken == expected[first : first + SAMPLES]
+        parts = [part[at : at + SAMPLE_BYTES] for at in range(HEAD_BYTES, HEAD_BYTES + 6 * SAMPLES, SAMPLE_BYTES)]
+        first = expected.index(parts[0])
+        assert parts == expected[first : first + SAMPLES]

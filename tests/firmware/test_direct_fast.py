@@ -75,15 +75,15 @@ def _paired(calibrators: Any, setting: Setting) -> Paired:
     rows, refused, otherwise = [], 0, 0
     for seed in range(1, INSTANCES + 1):
         drawn = instance(seed, setting.points, stretch=setting.stretch)
-        wanted = fit_direct(drawn.points_counts)
+        direct = fit_direct(drawn.points_counts)
         got = calibrators.calibrate("direct-fast", drawn.points_counts)
-        otherwise += wanted.status != got.status
-        if not wanted.status == got.status == FitStatus.ELLIPSOID:
+        otherwise += direct.status != got.status
+        if not direct.status == got.status == FitStatus.ELLIPSOID:
             refused += 1
             continue
         counts = _truth(drawn)
-        errors = [direction_error_rms_deg(fit, counts, DIRECTIONS) for fit in (wanted, got)]
-        rows.append([*errors, direction_difference_rms_deg(got, wanted)])
+        errors = [direction_error_rms_deg(fit, counts, DIRECTIONS) for fit in (direct, got)]
+        rows.append([*errors, direction_difference_rms_deg(got, direct)])
     float64, fast, extra = np.array(rows).T
     return Paired(float64, fast, extra, refused, otherwise)
 
@@ -118,7 +118,7 @@ def test_hardly_a_cloud_overflows(setting: Setting, most: float) -> None:
     ).astype(np.int64)
     anchors = np.trunc((clouds.min(axis=1) + clouds.max(axis=1)) / 2.0).astype(np.int64)
     farthest = np.abs(clouds - anchors[:, None]).max(axis=(1, 2))
-    shifts = np.array([largest_shift(int(each)) for each in farthest])
+    shifts = np.array([largest_shift(int(item)) for item in farthest])
     overflowed = sum(
         packed_sums(clouds[shifts == shift], anchors[shifts == shift], int(shift)).overflowed.sum()
         for shift in np.unique(shifts)
@@ -134,13 +134,13 @@ def test_a_first_point_for_an_anchor_would_be_seen(host_calibrators: Any) -> Non
     for seed in range(1, 101):
         drawn = instance(seed, 100, stretch=0.2)
         points = drawn.points_counts
-        wanted = fit_direct(points)
+        direct = fit_direct(points)
         # A range that pretends to be around the first point: that is all the calibrator knows of the anchor.
         reach = np.abs(points.astype(int) - points[0]).max(axis=0)
         off_centre = host_calibrators.calibrate("direct-fast", points, low=points[0] - reach, high=points[0] + reach)
-        right.append(direction_difference_rms_deg(host_calibrators.calibrate("direct-fast", points), wanted))
+        right.append(direction_difference_rms_deg(host_calibrators.calibrate("direct-fast", points), direct))
         if off_centre.status is FitStatus.ELLIPSOID:
-            wrong.append(direction_difference_rms_deg(off_centre, wanted))
+            wrong.append(direction_difference_rms_deg(off_centre, direct))
     print(f"medians: {np.median(right):.3g} deg about the middle, {np.median(wrong):.3g} about the first point")
     assert np.median(wrong) > 3.0 * np.median(right)
 

@@ -25,14 +25,14 @@ Point = tuple[int, int, int]
 
 
 @pytest.fixture(scope="module")
-def made(stream: MakeStream) -> Stream:
+def stream(stream: MakeStream) -> Stream:
     return stream("direct-stream")
 
 
 @pytest.fixture
-def direct(made: Stream) -> Stream:
-    made.reset()
-    return made
+def direct(stream: Stream) -> Stream:
+    stream.reset()
+    return stream
 
 
 def drawn(seed: int, count: int = 100) -> list[Point]:
@@ -77,36 +77,38 @@ _point = st.tuples(_coordinate, _coordinate, _coordinate)
 
 
 @settings(deadline=None)
-@given(kept=st.lists(_point, max_size=12), gone=st.lists(_point, max_size=12), order=st.randoms(use_true_random=False))
+@given(
+    stored=st.lists(_point, max_size=12), gone=st.lists(_point, max_size=12), order=st.randoms(use_true_random=False)
+)
 def test_what_is_removed_leaves_nothing_behind(
-    made: Stream, kept: list[Point], gone: list[Point], order: Random
+    stream: Stream, stored: list[Point], gone: list[Point], order: Random
 ) -> None:
     anchor = (5, -6, 7)
-    made.reset()
-    for point in [anchor, *kept]:
-        made.add(point)
-    wanted = made.state(STATE)
+    stream.reset()
+    for point in [anchor, *stored]:
+        stream.add(point)
+    state = stream.state(STATE)
     # The others come and go at any time in between, each after it came.
-    made.reset()
-    made.add(anchor)
-    moves = [*kept, *gone]
+    stream.reset()
+    stream.add(anchor)
+    moves = [*stored, *gone]
     order.shuffle(moves)
     here: list[Point] = []
     to_go = list(gone)
     for point in moves:
-        made.add(point)
+        stream.add(point)
         if point in to_go:
             to_go.remove(point)
             here.append(point)
         if here and order.random() < 0.5:
-            made.remove(here.pop(order.randrange(len(here))))
+            stream.remove(here.pop(order.randrange(len(here))))
     for point in here:
-        made.remove(point)
-    assert made.state(STATE) == wanted
-    for point in [*kept, anchor]:
-        made.remove(point)
-    assert set(made.sums().values()) == {0}
-    assert made.remove(anchor) == StreamStatus.EMPTY
+        stream.remove(point)
+    assert stream.state(STATE) == state
+    for point in [*stored, anchor]:
+        stream.remove(point)
+    assert set(stream.sums().values()) == {0}
+    assert stream.remove(anchor) == StreamStatus.EMPTY
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -128,10 +130,10 @@ def test_host_and_board_give_the_same_bits(host_stream: MakeStream, board_stream
     host, board = host_stream("direct-stream"), board_stream("direct-stream")
     statuses = set()
     for seed, covered in itertools.product(range(1000, 1010), ((0.5, 1.0), (0.05, 0.2))):
-        for each in (host, board):
-            each.reset()
+        for item in (host, board):
+            item.reset()
             for point in instance(seed, covered=covered).points_counts:
-                each.add(point)
+                item.add(point)
         assert host.report().bits == board.report().bits
         statuses.add(host.report().fit.status)
     assert {FitStatus.ELLIPSOID, FitStatus.POOR_COVERAGE} <= statuses
@@ -152,13 +154,13 @@ def test_c_and_float64_agree_over_the_thesis_generator(host_stream: MakeStream) 
         for point in points:
             direct.add(point)
             reference.add(point)
-        ours, wanted = direct.report().fit, reference.fit()
-        assert ours.status == wanted.status, f"seed {seed}"
-        assert ours.coverage == pytest.approx(wanted.coverage, rel=2e-3)
+        ours, expected = direct.report().fit, reference.fit()
+        assert ours.status == expected.status, f"seed {seed}"
+        assert ours.coverage == pytest.approx(expected.coverage, rel=2e-3)
         if is_cap:
             refused += ours.status is FitStatus.POOR_COVERAGE and ours.is_sphere
         elif ours.status is FitStatus.ELLIPSOID:
-            differences.append(direction_difference_rms_deg(ours, wanted))
+            differences.append(direction_difference_rms_deg(ours, expected))
     median, p99, largest = np.percentile(differences, [50, 99, 100])
     print(f"{len(differences)} accepted, {median:.2g} / {p99:.2g} / {largest:.2g} deg; {refused} caps refused")
     assert len(differences) >= 500
@@ -178,9 +180,9 @@ def test_c_and_float64_agree_over_the_thesis_generator(host_stream: MakeStream) 
 def test_points_that_determine_nothing_end_in_a_status_and_the_identity(direct: Stream, points: list[Point]) -> None:
     reference = DirectStream()
     for index, point in enumerate(points):
-        wanted = FitStatus.TOO_FEW_POINTS if index < 9 else FitStatus.SINGULAR
+        expected = FitStatus.TOO_FEW_POINTS if index < 9 else FitStatus.SINGULAR
         if index in (0, 8, 9):
-            assert direct.report().fit.status is wanted
+            assert direct.report().fit.status is expected
         direct.add(point)
         reference.add(point)
     fit = direct.report().fit
@@ -195,14 +197,14 @@ _far_point = st.tuples(_far, _far, _far)
 
 @settings(deadline=None)
 @given(added=st.lists(_far_point, max_size=30), removed=st.lists(_far_point, max_size=30))
-def test_even_points_that_never_came_leave_no_nan(made: Stream, added: list[Point], removed: list[Point]) -> None:
+def test_even_points_that_never_came_leave_no_nan(stream: Stream, added: list[Point], removed: list[Point]) -> None:
     """Nobody checks what is removed: wrong sums are wrong fits, and no more than that."""
-    made.reset()
+    stream.reset()
     for point in [(0, 0, 0), *added]:
-        made.add(point)
+        stream.add(point)
     for point in removed:
-        made.remove(point)
-    fit = made.report().fit
+        stream.remove(point)
+    fit = stream.report().fit
     assert np.isfinite(fit.soft_iron).all()
     assert np.isfinite(fit.hard_iron).all()
     assert np.isfinite(fit.coverage)

@@ -39,8 +39,8 @@ def board_dpi() -> BoardDpi:
 
 @pytest.fixture(params=["host", "board"])
 def kernel(request: pytest.FixtureRequest) -> DpiKernel:
-    found: DpiKernel = request.getfixturevalue(f"{request.param}_dpi")
-    return found
+    result: DpiKernel = request.getfixturevalue(f"{request.param}_dpi")
+    return result
 
 
 def answered(kernel: DpiKernel, drawn: DpiInstance, *, dip_deg: float | None = None, poses: bool = False) -> DpiAnswer:
@@ -56,7 +56,7 @@ def test_host_and_board_give_the_same_bits(host_dpi: HostDpi, board_dpi: BoardDp
     for seed in range(10):  # rows are added 50 at a time, two a turn: of 351 pairs and of 51 poses, one is left
         for poses in (False, True):
             drawn = dpi_instance(seed, 38 + 13 * seed if poses else 300 + 17 * seed)
-            host, board = (answered(each, drawn, poses=poses) for each in (host_dpi, board_dpi))
+            host, board = (answered(item, drawn, poses=poses) for item in (host_dpi, board_dpi))
             assert np.array_equal(host.fit.soft_iron, board.fit.soft_iron), f"seed {seed}"
             assert np.array_equal(host.fit.hard_iron, board.fit.hard_iron), f"seed {seed}"
             assert (host.fit.status, host.used, host.sine) == (board.fit.status, board.used, board.sine)
@@ -66,12 +66,12 @@ def test_host_and_board_give_the_same_bits(host_dpi: HostDpi, board_dpi: BoardDp
     "kind",
     [{}, {"dip_deg": 5.0}, {"dip_deg": -80.0}, {"largest_hard_iron_ut": 500.0}, {"noise_ut": 0.0, "noise_mg": 0.0}],
 )
-@pytest.mark.parametrize("given", [False, True])
-def test_c_and_float64_agree_over_random_pairs(host_dpi: HostDpi, kind: dict[str, float], given: bool) -> None:
+@pytest.mark.parametrize("arguments", [False, True])
+def test_c_and_float64_agree_over_random_pairs(host_dpi: HostDpi, kind: dict[str, float], arguments: bool) -> None:
     differences_deg, dips_deg, offsets, scales, errors = [], [], [], [], []
     for seed in range(200):
         drawn = dpi_instance(seed, **kind)  # type: ignore[arg-type]
-        dip_deg = drawn.dip_deg if given else None
+        dip_deg = drawn.dip_deg if arguments else None
         ours, reference = answered(host_dpi, drawn, dip_deg=dip_deg), wanted(drawn, dip_deg=dip_deg)
         assert (ours.fit.status, ours.used) == (reference.status, 300), f"seed {seed}"
         differences_deg.append(direction_difference_rms_deg(ours.fit, reference.calibration))
@@ -138,7 +138,7 @@ def test_the_generator_writes_the_same_pairs_again_without_the_fits(tmp_path: Pa
 
 
 def test_refusals_are_those_of_the_reference(kernel: DpiKernel) -> None:
-    seen: set[FitStatus] = set()
+    observed: set[FitStatus] = set()
     level = Rotation.from_rotvec(np.outer(np.linspace(0, 12, 300), [0, 0, 1]))
     cases: list[tuple[DpiInstance, float | None]] = [
         (dpi_instance(1, 299), None),
@@ -155,10 +155,10 @@ def test_refusals_are_those_of_the_reference(kernel: DpiKernel) -> None:
         ours, reference = answered(kernel, drawn, dip_deg=dip_deg), wanted(drawn, dip_deg=dip_deg)
         assert ours.fit.status is reference.status
         assert ours.used == reference.n_used
-        seen.add(ours.fit.status)
+        observed.add(ours.fit.status)
         if not ours.fit.has_fit:
             assert np.array_equal(ours.fit.soft_iron, np.eye(3))
-    assert seen == {
+    assert observed == {
         FitStatus.ELLIPSOID,
         FitStatus.TOO_FEW_POINTS,
         FitStatus.HORIZONTAL_FIELD,

@@ -34,7 +34,7 @@ def test_what_firmware_drains_is_what_polling_would_have_seen(build_program: Cal
     size = symbols["fifos"].size // 2
     gyroscope, accelerometer = parts()
     switched_on = (gyroscope, 0x13, 0x0A), (accelerometer, 0x2A, 0x11)
-    for index, expected in enumerate(polled(*each, until_s=1.875) for each in switched_on):
+    for index, expected in enumerate(polled(*register, until_s=1.875) for register in switched_on):
         fifo = memory.read(symbols["fifos"].address + index * size, size)
         assert fifo[2] == 0, "overflows"
         assert fifo[3] == 0, "I2C status"

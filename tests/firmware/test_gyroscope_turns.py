@@ -36,9 +36,9 @@ def solver_of_this_machine(library: ctypes.CDLL) -> Solve:
             )
             for turn in turns
         )
-        kept = ctypes.create_string_buffer(packed, len(packed))
+        stored = ctypes.create_string_buffer(packed, len(packed))
         fit = ctypes.create_string_buffer(FIT.size)
-        library.gyroscope_turns_fit(struct.pack("PB7x", ctypes.addressof(kept), len(turns)), fit)
+        library.gyroscope_turns_fit(struct.pack("PB7x", ctypes.addressof(stored), len(turns)), fit)
         status, at_fault, *matrix, residual_deg = FIT.unpack(fit.raw)
         named = at_fault if at_fault < MAX_TURNS else None
         return TurnsFit(TurnsStatus(status), named, np.array(matrix).reshape(3, 3), residual_deg)
@@ -96,20 +96,20 @@ def tolerance(turns: list[GyroscopeTurn]) -> float:
 
 def test_random_turns_give_the_reference_s_matrix(solve: Solve) -> None:
     rng = np.random.default_rng(12)
-    seen = 0
+    observed = 0
     for _ in range(300):
         turns = random_turns(rng, int(rng.integers(3, 9)))
-        expected, found = fit_turns(turns), solve(turns)
+        expected, result = fit_turns(turns), solve(turns)
         if near_a_limit(turns):
             continue
-        assert (found.status, found.at_fault) == (expected.status, expected.at_fault)
+        assert (result.status, result.at_fault) == (expected.status, expected.at_fault)
         if expected.status is TurnsStatus.OK:
-            seen += 1
+            observed += 1
             size = np.abs(expected.matrix).max()
-            assert np.abs(found.matrix - expected.matrix).max() <= tolerance(turns) * size
+            assert np.abs(result.matrix - expected.matrix).max() <= tolerance(turns) * size
             turned = max(float(np.linalg.norm(turn.turned_deg)) for turn in turns)
-            assert found.residual_deg == pytest.approx(expected.residual_deg, abs=tolerance(turns) * turned)
-    assert seen > 200
+            assert result.residual_deg == pytest.approx(expected.residual_deg, abs=tolerance(turns) * turned)
+    assert observed > 200
 
 
 def near_a_limit(turns: list[GyroscopeTurn]) -> bool:
@@ -122,14 +122,14 @@ def near_a_limit(turns: list[GyroscopeTurn]) -> bool:
 
 def test_turns_near_a_plane_are_refused_where_the_reference_refuses(solve: Solve) -> None:
     rng = np.random.default_rng(13)
-    found = set()
+    result = set()
     for _ in range(200):
         turns = random_turns(rng, int(rng.integers(3, 9)), spread=float(rng.choice([0.0, 0.02, 0.1, 0.3])))
         if not near_a_limit(turns):
             expected = fit_turns(turns).status
             assert solve(turns).status == expected
-            found.add(expected)
-    assert found == {TurnsStatus.OK, TurnsStatus.NOT_SPANNING}
+            result.add(expected)
+    assert result == {TurnsStatus.OK, TurnsStatus.NOT_SPANNING}
 
 
 def whole_turn(axis: int, **changes: object) -> GyroscopeTurn:
@@ -167,12 +167,12 @@ DEGENERATE = {
 @pytest.mark.parametrize("case", DEGENERATE)
 def test_degenerate_turns_end_as_the_reference_s_do(solve: Solve, case: str) -> None:
     turns = DEGENERATE[case]
-    expected, found = fit_turns(turns), solve(turns)
+    expected, result = fit_turns(turns), solve(turns)
     if case == "huge bias":  # beyond float32: anything but a matrix
-        assert found.status is TurnsStatus.SINGULAR
+        assert result.status is TurnsStatus.SINGULAR
         return
-    assert (found.status, found.at_fault) == (expected.status, expected.at_fault)
-    assert np.allclose(found.matrix, expected.matrix, rtol=1e-5, atol=1e-9)
+    assert (result.status, result.at_fault) == (expected.status, expected.at_fault)
+    assert np.allclose(result.matrix, expected.matrix, rtol=1e-5, atol=1e-9)
 
 
 def test_the_fit_costs_what_it_did(virtual_board: Board) -> None:
@@ -185,9 +185,9 @@ def test_the_fit_costs_what_it_did(virtual_board: Board) -> None:
 def test_the_reference_and_the_board_disagree_when_one_is_wrong(solve: Solve) -> None:
     """The comparison above can fail: a transposed matrix, a lost bias and a forgotten sample are all seen by it."""
     turns = random_turns(np.random.default_rng(14), 5)
-    found, size = solve(turns).matrix, np.abs(fit_turns(turns).matrix).max()
+    matrix, size = solve(turns).matrix, np.abs(fit_turns(turns).matrix).max()
     nothing = np.zeros(3)
     without_bias = [replace(turn, bias_before=nothing, bias_after=nothing) for turn in turns]
     one_more = [replace(turn, n=turn.n + 1) for turn in turns]
     for wrong in (fit_turns(turns).matrix.T, fit_turns(without_bias).matrix, fit_turns(one_more).matrix):
-        assert np.abs(found - wrong).max() > tolerance(turns) * size
+        assert np.abs(matrix - wrong).max() > tolerance(turns) * size

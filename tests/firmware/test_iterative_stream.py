@@ -31,14 +31,14 @@ def tumble(seed: int, count: int = 400, *, all_round: bool = True) -> list[Point
 
 
 @pytest.fixture(scope="module")
-def made(stream: MakeStream) -> Stream:
+def stream(stream: MakeStream) -> Stream:
     return stream("iterative-stream")
 
 
 @pytest.fixture
-def iterative(made: Stream) -> Stream:
-    made.reset()
-    return made
+def iterative(stream: Stream) -> Stream:
+    stream.reset()
+    return stream
 
 
 def test_the_limits_between_rows_are_tangents() -> None:
@@ -64,14 +64,14 @@ _component = st.integers(-1500, 1500)
 
 @settings(deadline=None)
 @given(points=st.lists(st.tuples(_component, _component, _component), min_size=1, max_size=60))
-def test_any_points_go_where_whole_numbers_say(made: Stream, points: list[Point]) -> None:
+def test_any_points_go_where_whole_numbers_say(stream: Stream, points: list[Point]) -> None:
     """Before there is a calibration, all is integers."""
-    made.reset()
+    stream.reset()
     reference = IterativeStream()
     for point in points:
-        made.add(point)
+        stream.add(point)
         reference.add(point)
-    assert made.points() == reference.points
+    assert stream.points() == reference.points
 
 
 def test_a_taken_cell_takes_a_near_point_and_a_spare_cell_one_that_is_far_from_all(iterative: Stream) -> None:
@@ -96,17 +96,17 @@ def test_c_and_float64_go_the_same_way_point_by_point(host_stream: MakeStream, a
 
     Points whose direction is a rounding away from the next cell's may part them; over these seeds none does.
     """
-    made, seeds = host_stream("iterative-stream"), range(30)
+    result, seeds = host_stream("iterative-stream"), range(30)
     print(f"seeds {seeds}")
     differences: dict[int, list[float]] = {4: [], 7: [], 10: []}
     for seed in seeds:
-        made.reset()
+        result.reset()
         reference = IterativeStream()
         before = 0
         for index, point in enumerate(tumble(seed, all_round=all_round)):
-            made.add(point)
+            result.add(point)
             reference.add(point)
-            report = made.report()
+            report = result.report()
             assert (report.held, report.elements, report.accepted) == (
                 reference.held,
                 reference.elements,
@@ -118,11 +118,11 @@ def test_c_and_float64_go_the_same_way_point_by_point(host_stream: MakeStream, a
                 # error is the root, is 1e-4 of it.
                 assert report.fit_error_percent == pytest.approx(reference.fit_error_percent, rel=0.02)
                 differences[report.elements].append(direction_difference_rms_deg(report.fit, reference.fit()))
-        assert made.points() == reference.points, f"seed {seed}"
-    for elements, found in differences.items():
-        median, p99, largest = np.percentile(found, [50, 99, 100])
-        print(f"{elements} elements: {len(found)} calibrations, {median:.2g} / {p99:.2g} / {largest:.2g} deg")
-        assert len(found) >= 25
+        assert result.points() == reference.points, f"seed {seed}"
+    for elements, difference in differences.items():
+        median, p99, largest = np.percentile(difference, [50, 99, 100])
+        print(f"{elements} elements: {len(difference)} calibrations, {median:.2g} / {p99:.2g} / {largest:.2g} deg")
+        assert len(difference) >= 25
         # As for `iterative`: a fiftieth of what noise alone does to these fits.
         assert p99 <= 0.01
 
@@ -239,53 +239,53 @@ def test_a_refused_calibration_lets_the_present_one_age(iterative: Stream) -> No
 SLICES = {4: lambda sweeps: 16, 7: lambda sweeps: 395 + 22 * (sweeps + 1), 10: lambda sweeps: 395 + 46 * (sweeps + 1)}
 
 
-def test_sliced_solvers_find_what_their_points_have_in_as_many_loops_as_slices(made: Stream) -> None:
-    made.reset(sliced=True)
+def test_sliced_solvers_find_what_their_points_have_in_as_many_loops_as_slices(stream: Stream) -> None:
+    stream.reset(sliced=True)
     began, accepted, was_solving = 0, 0, False
     snapshot: list[Point] = []
-    seen = set()
+    observed = set()
     for index, point in enumerate(tumble(1, 2200)):
-        made.add(point)
-        report = made.report()
+        stream.add(point)
+        report = stream.report()
         if report.is_solving and not was_solving:
-            began, snapshot = index, made.points()
+            began, snapshot = index, stream.points()
         if report.accepted > accepted:
-            wanted = fit_elements(snapshot, report.elements)
-            assert wanted is not None
-            fit = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, wanted.soft_iron, wanted.hard_iron)
+            elements = fit_elements(snapshot, report.elements)
+            assert elements is not None
+            fit = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, elements.soft_iron, elements.hard_iron)
             assert direction_difference_rms_deg(report.fit, fit) <= 0.01
-            assert report.fit_error_percent == pytest.approx(wanted.fit_error_percent, rel=0.02)
+            assert report.fit_error_percent == pytest.approx(elements.fit_error_percent, rel=0.02)
             assert index - began + 1 == SLICES[report.elements](report.fit.iterations)
-            seen.add(report.elements)
+            observed.add(report.elements)
         accepted, was_solving = report.accepted, report.is_solving
-    assert seen == {4, 7, 10}
+    assert observed == {4, 7, 10}
 
 
-def test_while_sums_are_formed_the_buffer_takes_no_points(made: Stream) -> None:
-    made.reset(sliced=True)
+def test_while_sums_are_formed_the_buffer_takes_no_points(stream: Stream) -> None:
+    stream.reset(sliced=True)
     points = tumble(2, 300)
     index = 0
-    while not made.report().is_solving:
-        made.add(points[index])
+    while not stream.report().is_solving:
+        stream.add(points[index])
         index += 1
-    held = made.points()
+    held = stream.points()
     for point in points[index : index + 14]:
-        made.add(point)
-        assert made.points() == held
-    made.add(points[index + 14])
-    assert made.points() != held
+        stream.add(point)
+        assert stream.points() == held
+    stream.add(points[index + 14])
+    assert stream.points() != held
 
 
 def test_host_and_board_give_the_same_bits(host_stream: MakeStream, board_stream: Callable[[str], BoardStream]) -> None:
     """Point by point, so what the host shows over many seeds holds of the board."""
     for sliced, all_round in itertools.product((False, True), repeat=2):
         both = [host_stream("iterative-stream"), board_stream("iterative-stream")]
-        for each in both:
-            each.reset(sliced=sliced)
+        for item in both:
+            item.reset(sliced=sliced)
         for point in tumble(4, 500, all_round=all_round):
-            for each in both:
-                each.add(point)
-            host, board = (each.report() for each in both)
+            for item in both:
+                item.add(point)
+            host, board = (item.report() for item in both)
             assert host.bits == board.bits
         assert both[0].points() == both[1].points()
 
@@ -295,26 +295,26 @@ _any = st.integers(-32768, 32767)
 
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 10**6), scale=st.sampled_from([1, 40, 3000, 32767]), flat=st.booleans())
-def test_no_points_whatever_end_in_nan_or_infinity(made: Stream, seed: int, scale: int, flat: bool) -> None:
+def test_no_points_whatever_end_in_nan_or_infinity(stream: Stream, seed: int, scale: int, flat: bool) -> None:
     points = np.random.default_rng(seed).integers(-scale, scale + 1, (400, 3))
     points[:, 1] *= not flat
-    made.reset()
+    stream.reset()
     for point in points:
-        made.add(point)
-    report = made.report()
+        stream.add(point)
+    report = stream.report()
     assert np.isfinite(report.fit.soft_iron).all()
     assert np.isfinite(report.fit.hard_iron).all()
     assert math.isfinite(report.fit_error_percent)
 
 
 @pytest.mark.parametrize("sliced", [False, True])
-def test_points_at_the_ends_of_their_range_overflow_nothing(made: Stream, sliced: bool) -> None:
+def test_points_at_the_ends_of_their_range_overflow_nothing(stream: Stream, sliced: bool) -> None:
     """The host's library stops at undefined behaviour. A calibration sees the far points too: it scales them up."""
     ends = np.random.default_rng(1).choice([-32768, -32767, -1, 0, 1, 32767], (3000, 3))
-    made.reset(sliced=sliced)
+    stream.reset(sliced=sliced)
     for point in [*tumble(1, 200), *ends]:
-        made.add(point)
-    report = made.report()
+        stream.add(point)
+    report = stream.report()
     assert report.accepted
     assert np.isfinite(report.fit.soft_iron).all()
 

@@ -33,8 +33,8 @@ from .packed_kernel import BoardPacked
 
 PAGE = (Path(__file__).parents[2] / "firmware_stub" / "DESIGN.md").read_text(encoding="utf-8")
 TABLE = {
-    what: float(number.replace(" ", ""))
-    for what, number in re.findall(r"^\| (.+?) \| ([\d .]+) \|$", PAGE.split("\n## Measured costs\n")[1], re.M)
+    case: float(number.replace(" ", ""))
+    for case, number in re.findall(r"^\| (.+?) \| ([\d .]+) \|$", PAGE.split("\n## Measured costs\n")[1], re.M)
 }
 SHIPPED = Path(hiltest.__file__).parent / "firmware"
 SHIPPED_ELF = SHIPPED / "hiltest-frdm-k64f.elf"
@@ -122,8 +122,8 @@ def direct() -> Costs:
 
 
 def corrected() -> Costs:
-    one, two = (executed(profiled("corrected", 100, iterations=each)) for each in (1, 2))
-    once, twice = (calibrated(100).cycles("corrected", iterations=each) for each in (1, 2))
+    one, two = (executed(profiled("corrected", 100, iterations=item)) for item in (1, 2))
+    once, twice = (calibrated(100).cycles("corrected", iterations=item) for item in (1, 2))
     return {
         "`corrected`, a Newton step": twice - once,
         "`corrected`: compares of floats in a step": two["vcmpe.f32"] - one["vcmpe.f32"],
@@ -210,11 +210,11 @@ def overflow() -> Costs:
 
 def paired(n: int) -> CallProfile:
     drawn = dpi_instance(1, n)
-    points, accelerations = (np.ascontiguousarray(each, "<i2") for each in (drawn.magnetometer, drawn.accelerometer))
+    points, accelerations = (np.ascontiguousarray(item, "<i2") for item in (drawn.magnetometer, drawn.accelerometer))
     spread = points.min(axis=0), points.max(axis=0)
     pairs = Structure(Address(points), Address(accelerations), np.array([n], "<u2"), *spread)
-    known = np.array([*drawn.gain.ravel(), *drawn.offset, 0.0, 0.0], "<f4")  # the dip is not given
-    return firmware().call("dpi_from_pairs", pairs, known, bytearray(RESULT.size))
+    reference = np.array([*drawn.gain.ravel(), *drawn.offset, 0.0, 0.0], "<f4")  # the dip is not given
+    return firmware().call("dpi_from_pairs", pairs, reference, bytearray(RESULT.size))
 
 
 def dpi() -> Costs:
@@ -264,17 +264,17 @@ MEASURED = (
 )
 
 
-@pytest.mark.parametrize("measured", MEASURED, ids=lambda each: each.__name__)
+@pytest.mark.parametrize("measured", MEASURED, ids=lambda item: item.__name__)
 def test_the_shipped_firmware_takes_what_the_table_says(measured: Callable[[], Costs]) -> None:
-    found = measured()
-    assert found == {what: TABLE.get(what) for what in found}
+    result = measured()
+    assert result == {case: TABLE.get(case) for case in result}
 
 
 def test_what_direct_takes_is_the_sum_of_its_parts() -> None:
-    found = direct()
-    parts = [cycles for what, cycles in found.items() if what.startswith("`direct`:")]
-    assert sum(parts) == found["`direct`, without its points"]
+    result = direct()
+    parts = [cycles for case, cycles in result.items() if case.startswith("`direct`:")]
+    assert sum(parts) == result["`direct`, without its points"]
 
 
 def test_the_table_has_no_row_that_is_not_measured() -> None:
-    assert set(TABLE) == {what for measured in MEASURED for what in measured()}
+    assert set(TABLE) == {case for measured in MEASURED for case in measured()}

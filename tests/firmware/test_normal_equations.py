@@ -83,9 +83,9 @@ _any_float = st.floats(width=32, allow_nan=True, allow_infinity=True)
 def test_both_refuse_the_same_sums(board: VirtualK64F, host_library: ctypes.CDLL, sums: list[float]) -> None:
     """Most such sums are of no points; zero, negative and infinite pivots are among theirs."""
     values = np.array(sums, np.float32)
-    ours, wanted = on_board(board, values), on_host(host_library, values)
+    ours, expected = on_board(board, values), on_host(host_library, values)
     # The sign and the digits of what is not a number are the machine's own.
-    assert np.array_equal(ours, wanted, equal_nan=True)
+    assert np.array_equal(ours, expected, equal_nan=True)
 
 
 @pytest.mark.parametrize(
@@ -104,8 +104,8 @@ def test_its_frame_is_what_the_stack_check_adds_up(board: VirtualK64F) -> None:
     memory = board.processor.memory
     memory.write(end - size, pattern * size)
     on_board(board, moments(instance(1).points_counts.astype(np.float64)))
-    left = memory.read(end - size, size)
-    used = size - (len(left) - len(left.lstrip(pattern)))
+    remainder = memory.read(end - size, size)
+    used = size - (len(remainder) - len(remainder.lstrip(pattern)))
     assert used == stack_check().ASSEMBLY_FRAMES["quadric_fit"]
 
 

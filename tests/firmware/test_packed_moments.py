@@ -57,9 +57,9 @@ def test_a_block_is_that_of_the_model_bit_by_bit(kernel: PackedKernel) -> None:
         # Up to the largest K there is room for, where sums wrap: the model says what they wrap to.
         most = int(np.abs(points - anchor).max())
         shift = min(8, 15 - most.bit_length())
-        got, wanted = kernel.block(points, anchor, shift), packed_sums(points, anchor, shift)
-        assert got.sums.tobytes() == wanted.sums.tobytes(), f"case {case}: {count} points, K = {shift}"
-        assert got.overflowed == wanted.overflowed, f"case {case}: {count} points, K = {shift}"
+        got, expected = kernel.block(points, anchor, shift), packed_sums(points, anchor, shift)
+        assert got.sums.tobytes() == expected.sums.tobytes(), f"case {case}: {count} points, K = {shift}"
+        assert got.overflowed == expected.overflowed, f"case {case}: {count} points, K = {shift}"
         overflows += got.overflowed
     print(f"{overflows} of 120 overflow")
     assert overflows >= 10  # both answers are seen
@@ -76,13 +76,13 @@ def test_whole_clouds_are_those_of_the_model_bit_by_bit(kernel: PackedKernel) ->
         else:
             points = instance(case, count, field_ut=float(random.uniform(20.0, 90.0))).points_counts.astype(np.int64)
             anchor = _mid_range(points) if case % 4 else points[0]
-        wanted = packed_moments(points, anchor)
+        expected = packed_moments(points, anchor)
         got = kernel.sum(points, anchor)
         assert got[0] == count
-        if wanted is None:
+        if expected is None:
             continue
-        assert got[1:].tobytes() == wanted[0].tobytes(), f"case {case}: {count} points"
-        redone += wanted[1][-1] < largest_shift(int(np.abs(points - anchor).max()))
+        assert got[1:].tobytes() == expected[0].tobytes(), f"case {case}: {count} points"
+        redone += expected[1][-1] < largest_shift(int(np.abs(points - anchor).max()))
     print(f"{redone} of {len(counts)} clouds redone with K - 1")
     assert redone >= 2  # and that path
 
@@ -98,10 +98,10 @@ def test_an_overflow_is_seen_and_redone(kernel: PackedKernel) -> None:
     points, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
     assert kernel.block(points, anchor, 5).overflowed
     assert not kernel.block(points, anchor, 4).overflowed
-    wanted = packed_sums(points, anchor, 4)
-    assert kernel.sum(points, anchor)[1:].tobytes() == wanted.sums.tobytes()
+    expected = packed_sums(points, anchor, 4)
+    assert kernel.sum(points, anchor)[1:].tobytes() == expected.sums.tobytes()
     # What the first attempt left behind would have been wrong.
-    assert kernel.block(points, anchor, 5).sums.tobytes() != wanted.sums.tobytes()
+    assert kernel.block(points, anchor, 5).sums.tobytes() != expected.sums.tobytes()
 
 
 def test_an_overflow_does_not_stay(kernel: PackedKernel) -> None:
@@ -148,7 +148,7 @@ def test_a_point_in_either_lane_and_on_any_axis_lands_in_its_own_sums(
     points[lane, axis] = -64
     sums = kernel.block(points, [0, 0, 0], 8).sums
     degree_1, degree_2, degree_3, degree_4 = np.split(sums, [3, 9, 19])
-    assert degree_1.tolist() == [-64.0 if each == axis else 0.0 for each in range(3)]
+    assert degree_1.tolist() == [-64.0 if index == axis else 0.0 for index in range(3)]
     for sums_of_degree, index, value in (
         (degree_2, (0, 3, 5)[axis], 64.0**2),
         (degree_3, (0, 6, 9)[axis], -(64.0**3)),
@@ -217,4 +217,4 @@ def _frame(image: FirmwareImage, function: str) -> int:
         for segment in image.segments
         if segment.run_address <= start < segment.run_address + len(segment.data)
     )
-    return max(-each.number for each in decode(start, code) if each.result == STACK_POINTER and each.is_sum)
+    return max(-item.number for item in decode(start, code) if item.result == STACK_POINTER and item.is_sum)

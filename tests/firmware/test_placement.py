@@ -79,7 +79,7 @@ def stream(name: str) -> Callable[[Watched], object]:
 def fusion(board: Watched) -> object:
     noise = noise_floats(FusionNoise(rate_dps_rthz=0.1, tilt_deg=0.5, heading_deg=2.0))
     state = bytearray(floats([1.0, 0.0, 0.0, 0.0, noise[1], noise[2]]))
-    rates, gravity, field = (bytes(floats(each)) for each in ([0.9, -0.7, 0.8], [0.1, 0.2, 0.97], [20.0, 1.0, 40.0]))
+    rates, gravity, field = (bytes(floats(item)) for item in ([0.9, -0.7, 0.8], [0.1, 0.2, 0.97], [20.0, 1.0, 40.0]))
     for _ in range(10):
         board.call("fusion_predict", state, bytes(noise), rates, 0.005)
         board.call("fusion_update", state, bytes(noise), gravity, field)

@@ -32,6 +32,6 @@ def test_requests_that_are_given_a_time_are_those_that_measure() -> None:
 
 def test_each_of_them_needs_a_sensor() -> None:
     bench = Bench()
-    found = {request.command: bench.status(request.code, request.payload()) for request in MEASURING}
-    assert found.pop("FUSION_RUN") is Status.NO_CALIBRATION  # before its start, which needs them
-    assert set(found.values()) == {Status.SENSOR_ABSENT}
+    results = {request.command: bench.status(request.code, request.payload()) for request in MEASURING}
+    assert results.pop("FUSION_RUN") is Status.NO_CALIBRATION  # before its start, which needs them
+    assert set(results.values()) == {Status.SENSOR_ABSENT}

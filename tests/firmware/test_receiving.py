@@ -51,8 +51,8 @@ def replies_to(bench: Bench, pieces: list[tuple[bytes, float]]) -> list[Frame | 
 def test_every_frame_of_a_stream_cut_anywhere_is_answered_in_order(bench: Bench, seed: int) -> None:
     chance = random.Random(seed)
     stream = b"\x7e" + b"".join(some_piece(chance, sequence) for sequence in range(60)) + b"\x7e"
-    found = FrameDecoder().feed(stream)
-    asked = [item for item in found if isinstance(item, Frame)]
+    feed = FrameDecoder().feed(stream)
+    asked = [packet for packet in feed if isinstance(packet, Frame)]
     _, damaged_before, overruns_before, _ = bench.counters()
     cuts = sorted(chance.sample(range(1, len(stream)), 40))
     pieces = [stream[start:end] for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
@@ -62,7 +62,7 @@ def test_every_frame_of_a_stream_cut_anywhere_is_answered_in_order(bench: Bench,
     assert [(item.type, item.sequence, item.payload) for item in replies if isinstance(item, Frame)] == answers
     assert len(answers) >= 15
     _, damaged, overruns, _ = bench.counters()
-    assert damaged - damaged_before == len(found) - len(asked)
+    assert damaged - damaged_before == len(feed) - len(asked)
     assert overruns == overruns_before
 
 

@@ -62,7 +62,7 @@ def test_a_part_that_stops_answering_is_absent_and_can_be_read_again(silent_at: 
     parts = sensors()["i2c1"]
     faltering = [Faltering(part, silent_at) if part.address == MAG3110_ADDRESS else part for part in parts]
     bench = Bench(i2c1=faltering)
-    (part,) = (each for each in faltering if isinstance(each, Faltering))
+    (part,) = (item for item in faltering if isinstance(item, Faltering))
     part.falters = True
     assert bench.status(READ, READ_FOUR) == Status.SENSOR_ABSENT
     assert part.times_silent > 0

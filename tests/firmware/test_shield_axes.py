@@ -78,6 +78,6 @@ def test_an_overwritten_sample_is_told(drivers: ctypes.CDLL) -> None:
 
 def test_the_six_poses_tell_all_axes_and_signs_apart() -> None:
     for sensor in ("mag3110", "fxos8700_magnetometer"):
-        seen = {tuple(case["body"][sensor]) for case in GOLDEN["poses"]}
-        assert len(seen) == 6
-        assert all(len({abs(value) for value in body}) == 3 for body in seen)
+        observations = {tuple(case["body"][sensor]) for case in GOLDEN["poses"]}
+        assert len(observations) == 6
+        assert all(len({abs(value) for value in body}) == 3 for body in observations)

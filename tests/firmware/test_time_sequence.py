@@ -69,7 +69,7 @@ def two_runs(bench: Bench, number: int, memory: str, executed: list[int]) -> tup
 def test_a_run_of_the_second_half_begins_and_ends_as_one_of_the_whole(memory: str) -> None:
     bench = Bench()
     executed: list[int] = []
-    first, last = (bench.board.image.symbols[f"sequence_{SEQUENCES[each]}_{memory}"] for each in (0, -1))
+    first, last = (bench.board.image.symbols[f"sequence_{SEQUENCES[item]}_{memory}"] for item in (0, -1))
     within = range(first.address & ~1, (last.address & ~1) + last.size)
 
     def tell(step: Step) -> None:
@@ -103,8 +103,8 @@ def test_exceptions_cost_what_the_profile_says_beside_what_makes_and_ends_them(p
     entry = readings + 8 * profile.rows["exception_entry"].value
     assert cycles(bench, SEQUENCES.index("exception_entry"), place) == (entry, entry)
     leaving = rows["branch"] + rows["refill_indirect"] - rows["system"]
-    left = readings + 8 * (profile.rows["exception_return"].value + leaving)
-    assert cycles(bench, SEQUENCES.index("exception_return"), place) == (left, left)
+    remainder = readings + 8 * (profile.rows["exception_return"].value + leaving)
+    assert cycles(bench, SEQUENCES.index("exception_return"), place) == (remainder, remainder)
 
 
 @pytest.mark.parametrize("name", ["stores", "exception_entry", "exception_return"])
@@ -145,7 +145,9 @@ def test_a_supervisor_call_of_no_sequence_ends_as_every_unexpected_exception() -
 def test_the_flash_controller_forgets_what_it_held_before_a_run_and_is_switched_off_under_it_where_asked() -> None:
     bench = Bench()
     (controller,) = (
-        each for each in bench.board._chip._peripherals if isinstance(each, StoredRegisters) and each.name == "FMC"
+        peripheral
+        for peripheral in bench.board._chip._peripherals
+        if isinstance(peripheral, StoredRegisters) and peripheral.name == "FMC"
     )
     written: list[tuple[int, int]] = []
     write = controller.write

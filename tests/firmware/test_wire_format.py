@@ -39,9 +39,9 @@ class HostCodec:
         return encode_frame(frame)
 
     def decode(self, wire: bytes) -> tuple[list[Frame], int]:
-        found = FrameDecoder().feed(wire)
-        frames = [item for item in found if isinstance(item, Frame)]
-        return frames, sum(isinstance(item, DamagedFrame) for item in found)
+        feed = FrameDecoder().feed(wire)
+        frames = [packet for packet in feed if isinstance(packet, Frame)]
+        return frames, sum(isinstance(packet, DamagedFrame) for packet in feed)
 
 
 class _Unstuffer(ctypes.Structure):
@@ -96,11 +96,11 @@ class FirmwareCodec:
 
     def _unstuff(self, state: _Unstuffer, piece: bytes) -> Iterator[int]:
         """Give a piece, what is left of it after each end of a body; the state is that end's while it is yielded."""
-        taken = ctypes.c_size_t()
+        selected = ctypes.c_size_t()
         while piece:
-            yield self.library.unstuff(ctypes.byref(state), piece, ctypes.c_size_t(len(piece)), ctypes.byref(taken))
-            assert 0 < taken.value <= len(piece)
-            piece = piece[taken.value :]
+            yield self.library.unstuff(ctypes.byref(state), piece, ctypes.c_size_t(len(piece)), ctypes.byref(selected))
+            assert 0 < selected.value <= len(piece)
+            piece = piece[selected.value :]
 
 
 @pytest.fixture(scope="module")

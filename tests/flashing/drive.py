@@ -18,7 +18,7 @@ class BadHexError(Exception):
 
 def memory_of(text: bytes) -> dict[int, int]:
     """Read Intel HEX as DAPLink does: address and byte of all that is programmed."""
-    found: dict[int, int] = {}
+    results: dict[int, int] = {}
     above = 0
     for line in text.splitlines():
         raw = bytes.fromhex(line[1:].decode())
@@ -28,9 +28,9 @@ def memory_of(text: bytes) -> dict[int, int]:
         if kind == 4:
             above = int.from_bytes(data, "big") << 16
         elif kind == 0:
-            found |= {above + address + index: byte for index, byte in enumerate(data)}
+            results |= {above + address + index: byte for index, byte in enumerate(data)}
         elif kind == 1:
-            return found
+            return results
     raise BadHexError("The transfer timed out.")
 
 
@@ -81,26 +81,26 @@ class Drive:
                     self._take(text)
 
     def _take(self, text: bytes) -> None:
-        said = self.refusal
-        if not said:
+        refusal = self.refusal
+        if not refusal:
             try:
                 self.flash = memory_of(text)
                 self.programmed(text)
             except BadHexError as error:
-                said = str(error)
-        for each in self._folder.iterdir():
-            each.unlink()
+                refusal = str(error)
+        for path in self._folder.iterdir():
+            path.unlink()
         time.sleep(0.05)
         if self.comes_back:
             self._folder = self.back_at
             self._folder.mkdir(parents=True, exist_ok=True)
             self._remounts += 1
-            self._mount(said)
+            self._mount(refusal)
 
-    def _mount(self, said: str) -> None:
+    def _mount(self, message: str) -> None:
         count = f"Remount count: {self._remounts}\r\n" if self._counts else ""
-        if said:
-            (self._folder / "FAIL.TXT").write_text(f"error: {said}\r\ntype: user\r\n", newline="")
+        if message:
+            (self._folder / "FAIL.TXT").write_text(f"error: {message}\r\ntype: user\r\n", newline="")
         if self.stops:
             (self._folder / "ASSERT.TXT").write_text(f"Assert\r\nFile: {self.stops}\r\nLine: 42\r\n", newline="")
         details = self._folder / "DETAILS"  # whole at once, as a mounted drive is

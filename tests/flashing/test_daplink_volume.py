@@ -27,7 +27,7 @@ def quiet(_what: str, _done: int, _of: int) -> None:
 def test_what_is_dropped_is_in_the_flash_then_byte_for_byte(tmp_path: Path) -> None:
     shown: list[tuple[str, int, int]] = []
     with Drive(tmp_path) as drive:
-        state = drop(HEX, tmp_path, progress=lambda *each: shown.append(each))
+        state = drop(HEX, tmp_path, progress=lambda *item: shown.append(item))
     assert drive.flash == {base + at: byte for base, data in IMAGE.chunks for at, byte in enumerate(data)}
     assert state.unique_id == K64F
     assert state.remounts == 1
@@ -98,15 +98,15 @@ def test_a_write_that_breaks_off_is_explained_by_the_drive(tmp_path: Path, monke
 
 
 @pytest.mark.parametrize(
-    ("details", "said"),
+    ("details", "message"),
     [(None, "it has no DETAILS.TXT"), ("Daplink Mode: Bootloader\r\n", "without holding its reset button")],
 )
-def test_nothing_is_written_to_another_folder(details: str | None, said: str, tmp_path: Path) -> None:
+def test_nothing_is_written_to_another_folder(details: str | None, message: str, tmp_path: Path) -> None:
     if details is not None:
         (tmp_path / "DETAILS.TXT").write_text(details, newline="")
-    with pytest.raises(FlashError, match=said):
+    with pytest.raises(FlashError, match=message):
         drop(HEX, tmp_path, progress=quiet)
-    assert {each.name for each in tmp_path.iterdir()} <= {"DETAILS.TXT"}
+    assert {path.name for path in tmp_path.iterdir()} <= {"DETAILS.TXT"}
 
 
 def test_a_drive_that_cannot_be_written_to_is_an_error_at_once(tmp_path: Path) -> None:

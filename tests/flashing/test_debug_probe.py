@@ -54,8 +54,8 @@ def test_the_flash_algorithm_writes_the_image_and_erases_the_rest(
     probe: type[Any], app: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run("flash", str(app), "--probe", "pyocd", "--json") == 0
-    said = checked(capsys.readouterr().out, "hiltest.flash/1")
-    assert (said["by"], said["serial_number"], said["volume"]) == ("pyocd", K64F, None)
+    answer = checked(capsys.readouterr().out, "hiltest.flash/1")
+    assert (answer["by"], answer["serial_number"], answer["volume"]) == ("pyocd", K64F, None)
     content = app.read_bytes()
     flash = probe.machine.processor.memory.read(0, FLASH_BYTES)
     assert flash[: len(content)] == content
@@ -72,8 +72,8 @@ def test_a_flash_that_does_not_keep_what_is_written_is_found(
 
     def worn(memory: Any, addr: int, size: int, **attributes: Any) -> list[int]:
         return [
-            each & ~0x10 if addr + at == 0x4AA else each
-            for at, each in enumerate(read(memory, addr, size, **attributes))
+            item & ~0x10 if addr + at == 0x4AA else item
+            for at, item in enumerate(read(memory, addr, size, **attributes))
         ]
 
     was = app.read_bytes()[0x4AA]
@@ -91,11 +91,11 @@ def test_what_pyocd_cannot_do_is_said(
     assert "pyOCD cannot program the board: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("probes", "code", "said"), [(0, 20, "no FRDM-K64F is plugged in"), (2, 4, "2 boards fit")])
+@pytest.mark.parametrize(("probes", "code", "message"), [(0, 20, "no FRDM-K64F is plugged in"), (2, 4, "2 boards fit")])
 def test_there_must_be_one_probe(
     probes: int,
     code: int,
-    said: str,
+    message: str,
     probe: type[Any],
     app: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -103,7 +103,7 @@ def test_there_must_be_one_probe(
 ) -> None:
     monkeypatch.setattr(probe, "get_all_connected_probes", classmethod(lambda cls, *_: [cls() for _ in range(probes)]))
     assert run("flash", str(app), "--probe", "pyocd") == code
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_a_board_whose_probe_may_not_be_used_leads_to_the_udev_rules(

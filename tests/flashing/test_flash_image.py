@@ -96,7 +96,7 @@ def test_an_image_without_a_whole_configuration_field_is_refused(size: int, tmp_
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (as_hex(0x08000000, binary()), "built for another chip, or for RAM: 2048 bytes load at 0x08000000"),  # STM32
         (as_hex(0xFFC00, binary()), "belong at 0x000ffc00, and the MK64FN1M0 has 1024 KiB of flash"),
@@ -107,17 +107,17 @@ def test_an_image_without_a_whole_configuration_field_is_refused(size: int, tmp_
         (as_hex(0, binary(entry=0x9001)), "no vector table"),
     ],
 )
-def test_an_image_with_other_memories_is_refused(content: bytes, said: str, tmp_path: Path) -> None:
-    assert said in refused(tmp_path / "app.hex", content)
+def test_an_image_with_other_memories_is_refused(content: bytes, message: str, tmp_path: Path) -> None:
+    assert message in refused(tmp_path / "app.hex", content)
 
 
 def test_a_program_of_this_computer_is_refused(tmp_path: Path) -> None:
     assert "Arm Cortex-M4F" in refused(tmp_path / "app.elf", Path(sys.executable).read_bytes())
 
 
-@pytest.mark.parametrize(("part", "taken"), [("MK22F51212", False), ("MKL25Z4", False), ("MK64F12", True)])
+@pytest.mark.parametrize(("part", "selected"), [("MK22F51212", False), ("MKL25Z4", False), ("MK64F12", True)])
 def test_start_up_code_of_another_kinetis_is_refused(
-    part: str, taken: bool, tmp_path: Path, require_tool: Callable[[str], str]
+    part: str, selected: bool, tmp_path: Path, require_tool: Callable[[str], str]
 ) -> None:
     source, elf = tmp_path / f"system_{part}.c", tmp_path / "app.elf"
     source.write_text("int main(void) { for (;;) { } }\n", encoding="utf-8")
@@ -134,7 +134,7 @@ def test_start_up_code_of_another_kinetis_is_refused(
         str(elf),
     ]
     subprocess.run(command, check=True, timeout=60.0)
-    if taken:
+    if selected:
         load_flash_image(elf)
     else:
         with pytest.raises(ConfigError, match=f"built for {part}, as its start-up code is called"):

@@ -38,12 +38,12 @@ _SLICE_S = 0.05
 
 
 def _identification() -> dict[int, int]:
-    found = dict(_FIXED)
+    result = dict(_FIXED)
     for base, (part, kind) in _COMPONENTS.items():
         peripheral = (4, 0, 0, 0, part & 0xFF, 0xB0 | part >> 8, 0x0B, 0)
         component = (0x0D, kind, 0x05, 0xB1)
-        found |= {base + 0xFD0 + 4 * at: each for at, each in enumerate((*peripheral, *component))}
-    return found
+        result |= {base + 0xFD0 + 4 * at: item for at, item in enumerate((*peripheral, *component))}
+    return result
 
 
 class _Halted(Exception):
@@ -203,8 +203,8 @@ class Memory(MemoryInterface):
 
     def write_memory_block32(self, addr: int, data: Sequence[int], **_attributes: Any) -> None:
         if addr in _DEVICES_OF_CORE:
-            for at, each in enumerate(data):
-                self._write_core(addr + 4 * at, each)
+            for at, item in enumerate(data):
+                self._write_core(addr + 4 * at, item)
         else:
             self._access.write(addr, struct.pack(f"<{len(data)}I", *data))
 

@@ -20,7 +20,7 @@ from hiltest.procedures.imu_calibration.contents import (
 
 
 @pytest.fixture
-def made() -> ImuCalibration:
+def calibration() -> ImuCalibration:
     return some_calibration()
 
 

@@ -38,32 +38,32 @@ int main(void)
 
 @pytest.mark.parametrize("sensor", ["MAG3110", "*/ int main(void) {} /*??/", "zwei\nZeilen \\"])
 def test_c_has_the_numbers_of_the_file(
-    made: ImuCalibration, tmp_path: Path, require_tool: Callable[[str], str], sensor: str
+    calibration: ImuCalibration, tmp_path: Path, require_tool: Callable[[str], str], sensor: str
 ) -> None:
-    made = replace(made, magnetometer=replace(made.magnetometer, sensor=sensor))
-    (tmp_path / "imu.h").write_text(to_header(made), encoding="utf-8")
+    calibration = replace(calibration, magnetometer=replace(calibration.magnetometer, sensor=sensor))
+    (tmp_path / "imu.h").write_text(to_header(calibration), encoding="utf-8")
     (tmp_path / "program.c").write_text(_PROGRAM, encoding="utf-8")
     flags = ["-Wall", "-Wextra", "-Wconversion", "-Werror", "-std=c11"]
     subprocess.run([require_tool("gcc"), *flags, "program.c", "-o", "program"], cwd=tmp_path, check=True)
     done = subprocess.run(["./program"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert made.accelerometer is not None
-    assert made.gyroscope is not None
+    assert calibration.accelerometer is not None
+    assert calibration.gyroscope is not None
     parts = [
-        made.magnetometer.soft_iron,
-        made.magnetometer.hard_iron,
-        made.magnetometer.hard_iron_ut,
-        made.accelerometer.gain,
-        made.accelerometer.offset,
-        made.gyroscope.matrix,
-        made.gyroscope.bias,
+        calibration.magnetometer.soft_iron,
+        calibration.magnetometer.hard_iron,
+        calibration.magnetometer.hard_iron_ut,
+        calibration.accelerometer.gain,
+        calibration.accelerometer.offset,
+        calibration.gyroscope.matrix,
+        calibration.gyroscope.bias,
     ]
-    wanted = np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
+    expected = np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
     # Nine digits are every digit of a float32.
-    assert [np.float32(part) for part in done.stdout.split()] == wanted.tolist()
+    assert [np.float32(part) for part in done.stdout.split()] == expected.tolist()
 
 
-def test_units_and_frame_stand_beside_the_numbers(made: ImuCalibration) -> None:
-    text = to_header(made)
+def test_units_and_frame_stand_beside_the_numbers(calibration: ImuCalibration) -> None:
+    text = to_header(calibration)
     units = dict(re.findall(r"(\w+)(?:\[3\])+ = [^;]*; /\* (\S+) \*/", text))
     assert units == {
         "magnetometer_soft_iron": "1/count",
@@ -74,9 +74,9 @@ def test_units_and_frame_stand_beside_the_numbers(made: ImuCalibration) -> None:
         "gyroscope_matrix": "dps/count",
         "gyroscope_bias": "count",
     }
-    assert made.frame in text
-    assert made.made_utc in text
+    assert calibration.frame in text
+    assert calibration.made_utc in text
 
 
-def test_a_sensor_without_calibration_is_not_in_it(made: ImuCalibration) -> None:
-    assert "accelerometer_" not in to_header(replace(made, accelerometer=None))
+def test_a_sensor_without_calibration_is_not_in_it(calibration: ImuCalibration) -> None:
+    assert "accelerometer_" not in to_header(replace(calibration, accelerometer=None))

@@ -39,9 +39,9 @@ def refusal(tmp_path: Path) -> Refusal:
     return refused
 
 
-def changed(made: ImuCalibration, place: str, value: object) -> str:
+def changed(calibration: ImuCalibration, place: str, value: object) -> str:
     """Return the text of a file with another value at a dotted place."""
-    content: dict[str, Any] = json.loads(to_json(made))
+    content: dict[str, Any] = json.loads(to_json(calibration))
     *parents, last = place.split(".")
     target: Any = content
     for step in parents:
@@ -50,27 +50,29 @@ def changed(made: ImuCalibration, place: str, value: object) -> str:
     return json.dumps(content)
 
 
-def test_what_is_written_is_read(made: ImuCalibration, tmp_path: Path) -> None:
+def test_what_is_written_is_read(calibration: ImuCalibration, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
-    path.write_text(to_json(made), encoding="utf-8")
-    assert load_calibration(path).calibration == made
+    path.write_text(to_json(calibration), encoding="utf-8")
+    assert load_calibration(path).calibration == calibration
 
 
 @given(hard_iron=st.tuples(COUNTS, COUNTS, COUNTS))
 @settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_digit_of_a_number_survives(
-    made: ImuCalibration, tmp_path: Path, hard_iron: tuple[float, float, float]
+    calibration: ImuCalibration, tmp_path: Path, hard_iron: tuple[float, float, float]
 ) -> None:
-    x, y, z = (MICROTESLA_PER_COUNT * each for each in hard_iron)
-    other = replace(made, magnetometer=replace(made.magnetometer, hard_iron=hard_iron, hard_iron_ut=(x, y, z)))
+    x, y, z = (MICROTESLA_PER_COUNT * item for item in hard_iron)
+    other = replace(
+        calibration, magnetometer=replace(calibration.magnetometer, hard_iron=hard_iron, hard_iron_ut=(x, y, z))
+    )
     path = tmp_path / "calibration.json"
     path.write_text(to_json(other), encoding="utf-8")
     assert load_calibration(path).calibration == other
 
 
-def test_a_sensor_that_was_not_calibrated_is_null(made: ImuCalibration, tmp_path: Path) -> None:
+def test_a_sensor_that_was_not_calibrated_is_null(calibration: ImuCalibration, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
-    path.write_text(to_json(replace(made, accelerometer=None, gyroscope=None)), encoding="utf-8")
+    path.write_text(to_json(replace(calibration, accelerometer=None, gyroscope=None)), encoding="utf-8")
     assert load_calibration(path).calibration.accelerometer is None
 
 
@@ -89,24 +91,26 @@ def test_a_sensor_that_was_not_calibrated_is_null(made: ImuCalibration, tmp_path
     ],
 )
 def test_another_unit_frame_or_formula_is_refused_and_nothing_is_converted(
-    made: ImuCalibration, refusal: Refusal, place: str, other: str, right: str
+    calibration: ImuCalibration, refusal: Refusal, place: str, other: str, right: str
 ) -> None:
-    said = refusal(changed(made, place, other))
-    assert said.startswith(f"{place}: input should be '{right}")
-    assert json.dumps(other)[:50] in said
-    assert "nothing is converted" in said
+    answer = refusal(changed(calibration, place, other))
+    assert answer.startswith(f"{place}: input should be '{right}")
+    assert json.dumps(other)[:50] in answer
+    assert "nothing is converted" in answer
 
 
 @pytest.mark.parametrize("unit", ["soft_iron", "hard_iron", "hard_iron_ut"])
-def test_a_unit_that_is_not_said_is_not_assumed(made: ImuCalibration, refusal: Refusal, unit: str) -> None:
-    content = json.loads(to_json(made))
+def test_a_unit_that_is_not_said_is_not_assumed(calibration: ImuCalibration, refusal: Refusal, unit: str) -> None:
+    content = json.loads(to_json(calibration))
     del content["magnetometer"]["units"][unit]
     assert refusal(json.dumps(content)).startswith(f"magnetometer.units.{unit} is missing")
 
 
-def test_counts_and_microtesla_that_contradict_each_other_are_refused(made: ImuCalibration, refusal: Refusal) -> None:
-    said = refusal(changed(made, "magnetometer.hard_iron", [2.4, -2.16, 3.99]))
-    assert said.startswith("magnetometer: hard_iron and hard_iron_ut contradict each other: 2.4 counts of 0.1 uT are")
+def test_counts_and_microtesla_that_contradict_each_other_are_refused(
+    calibration: ImuCalibration, refusal: Refusal
+) -> None:
+    answer = refusal(changed(calibration, "magnetometer.hard_iron", [2.4, -2.16, 3.99]))
+    assert answer.startswith("magnetometer: hard_iron and hard_iron_ut contradict each other: 2.4 counts of 0.1 uT are")
 
 
 @pytest.mark.parametrize(
@@ -119,20 +123,20 @@ def test_counts_and_microtesla_that_contradict_each_other_are_refused(made: ImuC
     ],
 )
 def test_a_matrix_that_has_lost_an_axis_is_refused(
-    made: ImuCalibration, refusal: Refusal, place: str, matrix: list[list[float]]
+    calibration: ImuCalibration, refusal: Refusal, place: str, matrix: list[list[float]]
 ) -> None:
     part, name = place.split(".")
-    assert refusal(changed(made, place, matrix)).startswith(f"{part}: {name} is singular")
+    assert refusal(changed(calibration, place, matrix)).startswith(f"{part}: {name} is singular")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_refused(made: ImuCalibration, refusal: Refusal, value: float) -> None:
-    assert "is not a number" in refusal(changed(made, "magnetometer.hard_iron.1", value))
+def test_what_is_no_number_is_refused(calibration: ImuCalibration, refusal: Refusal, value: float) -> None:
+    assert "is not a number" in refusal(changed(calibration, "magnetometer.hard_iron.1", value))
 
 
 @pytest.mark.parametrize("text", ["1e999", "-1e999", "1e39", "true", '"2.4"', "null", "[1]", "9" * 5000])
-def test_what_is_no_float_of_the_board_is_refused(made: ImuCalibration, refusal: Refusal, text: str) -> None:
-    written = changed(made, "gyroscope.bias.0", "HERE").replace('"HERE"', text)
+def test_what_is_no_float_of_the_board_is_refused(calibration: ImuCalibration, refusal: Refusal, text: str) -> None:
+    written = changed(calibration, "gyroscope.bias.0", "HERE").replace('"HERE"', text)
     assert refusal(written)
 
 
@@ -144,12 +148,14 @@ def test_what_is_no_float_of_the_board_is_refused(made: ImuCalibration, refusal:
         (None, "schema is null"),
     ],
 )
-def test_another_schema_is_refused(made: ImuCalibration, refusal: Refusal, schema: str | None, complaint: str) -> None:
-    assert complaint in refusal(changed(made, "schema", schema))
+def test_another_schema_is_refused(
+    calibration: ImuCalibration, refusal: Refusal, schema: str | None, complaint: str
+) -> None:
+    assert complaint in refusal(changed(calibration, "schema", schema))
 
 
-def test_a_file_that_is_cut_short_is_refused_wherever_it_ends(made: ImuCalibration, refusal: Refusal) -> None:
-    text = to_json(made).rstrip()
+def test_a_file_that_is_cut_short_is_refused_wherever_it_ends(calibration: ImuCalibration, refusal: Refusal) -> None:
+    text = to_json(calibration).rstrip()
     for end in range(0, len(text), 37):
         assert refusal(text[:end]).startswith("not JSON")
 
@@ -172,8 +178,8 @@ def test_hostile_content_is_refused(refusal: Refusal, content: bytes, complaint:
     assert refusal(content).startswith(complaint)
 
 
-def test_a_key_that_stands_twice_is_refused(made: ImuCalibration, refusal: Refusal) -> None:
-    text = to_json(made).replace('"method": "direct"', '"method": "direct", "method": "iterative"')
+def test_a_key_that_stands_twice_is_refused(calibration: ImuCalibration, refusal: Refusal) -> None:
+    text = to_json(calibration).replace('"method": "direct"', '"method": "direct", "method": "iterative"')
     assert 'key "method" stands twice' in refusal(text)
 
 
@@ -183,15 +189,15 @@ def test_a_great_many_keys_are_refused_as_fast_as_they_are_read(refusal: Refusal
     assert refusal(text).startswith("schema is null")
 
 
-def test_an_unknown_key_is_refused(made: ImuCalibration, refusal: Refusal) -> None:
-    assert refusal(changed(made, "magnetometer.scale", 2.0)).startswith("unknown key magnetometer.scale")
+def test_an_unknown_key_is_refused(calibration: ImuCalibration, refusal: Refusal) -> None:
+    assert refusal(changed(calibration, "magnetometer.scale", 2.0)).startswith("unknown key magnetometer.scale")
 
 
 @pytest.mark.parametrize(("place", "value"), [("made_utc", "yesterday"), ("made_on.unique_id", "K64F")])
 def test_a_time_or_an_id_that_is_none_is_refused(
-    made: ImuCalibration, refusal: Refusal, place: str, value: str
+    calibration: ImuCalibration, refusal: Refusal, place: str, value: str
 ) -> None:
-    assert repr(value) in refusal(changed(made, place, value))
+    assert repr(value) in refusal(changed(calibration, place, value))
 
 
 def test_a_file_that_is_not_there_says_how_to_make_one(tmp_path: Path) -> None:

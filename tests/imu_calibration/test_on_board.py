@@ -23,15 +23,15 @@ def virtual_board() -> Iterator[Board]:
         yield board
 
 
-def test_a_rest_in_which_the_board_is_moved_judges_no_file(virtual_board: Board, made: ImuCalibration) -> None:
+def test_a_rest_in_which_the_board_is_moved_judges_no_file(virtual_board: Board, calibration: ImuCalibration) -> None:
     assert isinstance(virtual_board.stage, VirtualBench)
-    assert made.gyroscope is not None
+    assert calibration.gyroscope is not None
     own = virtual_board.session.request(GetGyroscope())
     # There and back: the mean of the rate is that of a board at rest.
     for heading_deg, after_s in ((3.0, 0.6), (0.0, 0.9)):
         virtual_board.stage._world.turn_to(Pose(heading_deg), time_s=virtual_board.stage.time_s + after_s)
     with pytest.raises(BoardMovedError, match="about its z axis"):
-        gyroscope_bias_error_dps(virtual_board, made.gyroscope, seconds=2.0)
+        gyroscope_bias_error_dps(virtual_board, calibration.gyroscope, seconds=2.0)
     held = virtual_board.session.request(GetGyroscope())
     assert np.array_equal(held.matrix, own.matrix)
     assert np.array_equal(held.bias, own.bias)

@@ -30,9 +30,9 @@ def board(rig: Rig) -> Iterator[Board]:
 
 
 @pytest.fixture
-def own(made: ImuCalibration, board: Board, rig: Rig) -> ImuCalibration:
+def own(calibration: ImuCalibration, board: Board, rig: Rig) -> ImuCalibration:
     """A calibration of this board."""
-    return replace(made, made_on=made_on(board, rig))
+    return replace(calibration, made_on=made_on(board, rig))
 
 
 def check(calibration: ImuCalibration, board: Board, rig: Rig) -> None:

@@ -27,8 +27,8 @@ class Guide:
     begun: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
 
-    def begin(self, step: int, of: int, what: str) -> None:
-        self.begun.append(what)
+    def begin(self, step: int, of: int, case: str) -> None:
+        self.begun.append(case)
 
     def found(self, part: str, method: str, figures: tuple[FigureOfMerit, ...]) -> None:
         pass
@@ -48,7 +48,7 @@ def test_a_step_with_a_sensor_at_the_end_of_its_range_can_be_done_again() -> Non
     guide = Guide(patience=1)
     calibrate(Faults(sensor=SensorFault("mag3110", "saturated", for_s=1.5)), guide)
     assert guide.begun == ["accelerometer", "gyroscope", "magnetometer"]
-    assert [each.startswith("MAG3110: its y axis is at the end of its range") for each in guide.refused] == [True]
+    assert [item.startswith("MAG3110: its y axis is at the end of its range") for item in guide.refused] == [True]
 
 
 def test_who_does_it_not_again_reads_which_sensor_it_was() -> None:

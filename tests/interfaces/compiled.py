@@ -17,7 +17,7 @@ def compile_c(compiler: str, folder: Path, source: str | dict[str, str], *flags:
     for name, text in sources.items():
         (folder / name).write_text(text)
     elf = folder / "program.elf"
-    command = [compiler, *FLAGS, *flags, str(PROGRAMS / "start.S"), *(str(folder / each) for each in sources)]
+    command = [compiler, *FLAGS, *flags, str(PROGRAMS / "start.S"), *(str(folder / source) for source in sources)]
     subprocess.run([*command, "-o", str(elf)], check=True, timeout=60, cwd=folder)
     return elf
 

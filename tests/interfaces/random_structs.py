@@ -49,14 +49,16 @@ class Program:
         lines = ["#include <stdbool.h>", "#include <stdint.h>"]
         for number in range(self.count):
             name = f"variable_{number}"
-            made = self.thing(name, 0)
-            lines += [*self.before, f"{made.declaration} = {made.initialiser};"]
+            result = self.thing(name, 0)
+            lines += [*self.before, f"{result.declaration} = {result.initialiser};"]
             self.before.clear()
-            self.values |= {name + behind: values for behind, values in made.values.items()}
-            if made.numbers is not None:
-                self.values[name] = made.numbers
-        kept = "\n".join(f'    __asm volatile("" :: "r"(&variable_{each}) : "memory");' for each in range(self.count))
-        self.source = "\n".join([*lines, "int main(void)\n{", kept, "    for (;;);\n}"])
+            self.values |= {name + behind: values for behind, values in result.values.items()}
+            if result.numbers is not None:
+                self.values[name] = result.numbers
+        stored = "\n".join(
+            f'    __asm volatile("" :: "r"(&variable_{index}) : "memory");' for index in range(self.count)
+        )
+        self.source = "\n".join([*lines, "int main(void)\n{", stored, "    for (;;);\n}"])
 
     def thing(self, name: str, depth: int) -> Written:
         """Make a number, an enum, an array, a pointer, a struct or a union."""
@@ -100,7 +102,7 @@ class Program:
         if self.random.random() < 0.5:  # of numbers, of any dimensions
             dimensions = "".join(f"[{count}]" for count in counts)
             values, written = self.nested(kind, counts)
-            numbers = tuple(number for each in values.values() for number in each)
+            numbers = tuple(number for value in values.values() for number in value)
             return Written(f"{kind} {name}{dimensions}", written, values, numbers)
         element = self.structure(f"{name}_e", depth)
         return self.repeated(name, element, counts[0])
@@ -108,7 +110,7 @@ class Program:
     def repeated(self, name: str, element: Written, count: int) -> Written:
         """Make an array of structs with the same values in each."""
         kind = element.declaration.rpartition(" ")[0]
-        values = {f"[{n}]{behind}": each for n in range(count) for behind, each in element.values.items()}
+        values = {f"[{n}]{behind}": value for n in range(count) for behind, value in element.values.items()}
         whole = None if element.numbers is None else element.numbers * count
         written = "{ " + ", ".join([element.initialiser] * count) + " }"
         return Written(f"{kind} {name}[{count}]", written, values, whole)
@@ -121,7 +123,7 @@ class Program:
         parts = []
         for index in range(counts[0]):
             inner, written = self.nested(kind, counts[1:])
-            values |= {f"[{index}]{behind}": each for behind, each in inner.items()}
+            values |= {f"[{index}]{behind}": item for behind, item in inner.items()}
             parts.append(written)
         return values, "{ " + ", ".join(parts) + " }"
 
@@ -132,20 +134,20 @@ class Program:
         for number in range(self.random.randint(1, 5)):
             anonymous = depth + 1 < _DEEPEST and self.random.random() < 0.15
             make = self.structure if anonymous else self.bit_field if self.random.random() < 0.3 else self.thing
-            made = make(f"{name}_{number}", depth + 1)
-            members.append(made.declaration.rpartition(" ")[0] if anonymous else made.declaration)
-            initialisers.append(made.initialiser)
+            result = make(f"{name}_{number}", depth + 1)
+            members.append(result.declaration.rpartition(" ")[0] if anonymous else result.declaration)
+            initialisers.append(result.initialiser)
             before = "" if anonymous else f".{name}_{number}"
-            values |= {before + behind: each for behind, each in made.values.items() if before + behind}
-            if not anonymous and made.numbers is not None:
-                values[before] = made.numbers
-            numbers = None if numbers is None or made.numbers is None else numbers + made.numbers
+            values |= {before + behind: value for behind, value in result.values.items() if before + behind}
+            if not anonymous and result.numbers is not None:
+                values[before] = result.numbers
+            numbers = None if numbers is None or result.numbers is None else numbers + result.numbers
         packed = self.random.choice(["", "", "__attribute__((packed)) "])
         body = f"struct {packed}{{ {'; '.join(members)}; }} {name}"
         return Written(body, "{ " + ", ".join(initialisers) + " }", values, numbers)
 
     def bit_field(self, name: str, _depth: int) -> Written:
-        kind = self.random.choice([each for each in _INTEGERS if each != "long"])
+        kind = self.random.choice([item for item in _INTEGERS if item != "long"])
         width = self.random.randint(1, abs(_INTEGERS[kind]))
         signed = _INTEGERS[kind] < 0
         low, high = (-(1 << width - 1), (1 << width - 1) - 1) if signed else (0, (1 << width) - 1)
@@ -154,9 +156,9 @@ class Program:
         return Written(f"{kind} {name} : {width}", written, {"": (value,)}, (value,))
 
     def union(self, name: str, depth: int) -> Written:
-        made = self.number(f"{name}_u", depth)
-        body = f"union {{ {made.declaration}; uint8_t {name}_bytes[8]; }} {name}"
-        return Written(body, f"{{ {made.initialiser} }}", {f".{name}_u": made.numbers or ()}, None)
+        result = self.number(f"{name}_u", depth)
+        body = f"union {{ {result.declaration}; uint8_t {name}_bytes[8]; }} {name}"
+        return Written(body, f"{{ {result.initialiser} }}", {f".{name}_u": result.numbers or ()}, None)
 
     def pointer(self, name: str, depth: int) -> Written:
         target = self.structure(f"{name}_target", depth)
@@ -164,9 +166,9 @@ class Program:
         body = target.declaration.rpartition(" ")[0]
         self.before += [f"typedef {body} {kind};", f"{kind} {name}_target = {target.initialiser};"]
         values = {
-            f"->{behind[1:]}" if behind[0] == "." else behind: each
-            for behind, each in target.values.items()
+            f"->{behind[1:]}" if behind[0] == "." else behind: value
+            for behind, value in target.values.items()
             if behind[0] == "."
         }
-        values |= {f"[0]{behind}": each for behind, each in target.values.items()}
+        values |= {f"[0]{behind}": value for behind, value in target.values.items()}
         return Written(f"{kind} *{name}", f"&{name}_target", values, None)

@@ -60,19 +60,23 @@ def within_wall_limit() -> Iterator[None]:
 def outcomes(content: bytes) -> list[str]:
     """Return what becomes of every path: found, or refused."""
     with within_wall_limit():
-        variables, found = Variables(FirmwareImage(content)), []
+        variables, results = Variables(FirmwareImage(content)), []
         for path in PATHS:
             try:
                 variables.place(path)
-                found.append("found")
+                results.append("found")
             except ConfigError as error:
-                found.append("damaged" if "is damaged" in str(error) else "refused")
-        return found
+                results.append("damaged" if "is damaged" in str(error) else "refused")
+        return results
 
 
 def debug_sections(content: bytes) -> dict[str, tuple[int, int]]:
     sections = ELFFile(BytesIO(content)).iter_sections()
-    return {each.name: (each.header.sh_offset, each.header.sh_size) for each in sections if "debug" in each.name}
+    return {
+        section.name: (section.header.sh_offset, section.header.sh_size)
+        for section in sections
+        if "debug" in section.name
+    }
 
 
 def test_it_is_whole_to_begin_with(content: bytes) -> None:
@@ -83,14 +87,14 @@ def test_it_is_whole_to_begin_with(content: bytes) -> None:
 def test_bytes_that_are_wrong_are_refused_or_make_no_difference(content: bytes) -> None:
     sections = debug_sections(content)
     chosen = random.Random(18)
-    seen: set[str] = set()
+    observed: set[str] = set()
     for number in range(EXAMPLES):
         damaged = bytearray(content)
         offset, size = sections[(".debug_info", ".debug_abbrev", ".debug_info", ".debug_str")[number % 4]]
         for _ in range(chosen.choice([1, 1, 4, 60])):
             damaged[offset + chosen.randrange(size)] = chosen.choice([0, 0xFF, 0x7F, chosen.randrange(256)])
-        seen |= set(outcomes(bytes(damaged)))
-    assert seen == {"found", "refused", "damaged"}
+        observed |= set(outcomes(bytes(damaged)))
+    assert observed == {"found", "refused", "damaged"}
 
 
 def test_sections_that_are_cut_are_refused_or_make_no_difference(content: bytes) -> None:

@@ -37,8 +37,8 @@ def test_the_way_back_from_any_attitude(frame: str, heading: float, pitch: float
     turn = rotation_body_from_ned(Pose(heading, pitch, roll))
     field, gravity = turn @ np.array([22.8, 0.0, 42.8]), turn @ np.array([0.0, 0.0, 1.0])
     back = np.array(of.to_body).T  # what such firmware would say
-    found = tilt_heading(of.gravity(of.gravity_sign * back @ gravity), of.vector(back @ field))
-    assert abs(heading_error_deg(found.heading_deg, heading)) < 1e-6  # float64 of a field at 62 degrees of dip
+    result = tilt_heading(of.gravity(of.gravity_sign * back @ gravity), of.vector(back @ field))
+    assert abs(heading_error_deg(result.heading_deg, heading)) < 1e-6  # float64 of a field at 62 degrees of dip
 
 
 def test_a_matrix_acts_on_vectors_as_before() -> None:
@@ -48,5 +48,5 @@ def test_a_matrix_acts_on_vectors_as_before() -> None:
 
 
 def test_headings_that_grow_the_other_way() -> None:
-    assert [FRAMES["ned"].heading_deg(each) for each in (0.0, 90.0, -10.0)] == [0.0, 90.0, 350.0]
-    assert [FRAMES["enu"].heading_deg(each) for each in (0.0, 90.0, -10.0)] == [0.0, 270.0, 10.0]
+    assert [FRAMES["ned"].heading_deg(item) for item in (0.0, 90.0, -10.0)] == [0.0, 90.0, 350.0]
+    assert [FRAMES["enu"].heading_deg(item) for item in (0.0, 90.0, -10.0)] == [0.0, 270.0, 10.0]

@@ -94,6 +94,6 @@ def test_the_algorithm_is_asked_for_once_in_four_letters() -> None:
 def test_every_value_is_offered_and_has_its_size(packets: list[Packet], cut: int, noise: bytes) -> None:
     interface = FsflkInterface(Release.V7)
     data = noise + b"".join(map(encode, packets))
-    for each in [*interface.feed(data[:cut], 0.0), *interface.feed(data[cut:], 0.1)]:
-        assert set(each.values) <= interface.offers
-        assert all(values.shape == (quantity.size,) for quantity, values in each.values.items())
+    for feed in [*interface.feed(data[:cut], 0.0), *interface.feed(data[cut:], 0.1)]:
+        assert set(feed.values) <= interface.offers
+        assert all(values.shape == (quantity.size,) for quantity, values in feed.values.items())

@@ -106,8 +106,8 @@ def served(request: pytest.FixtureRequest, elf: Path, require_tool: Callable[[st
 @pytest.fixture
 def client(served: int) -> Iterator[GdbClient]:
     """A client at each of them."""
-    with connected(served) as made:
-        yield made
+    with connected(served) as result:
+        yield result
 
 
 @pytest.fixture(scope="module")
@@ -122,14 +122,14 @@ def word(client: GdbClient, image: FirmwareImage, name: str) -> int:
 def test_memory_is_read_and_written_in_pieces_of_any_size(client: GdbClient, image: FirmwareImage) -> None:
     code, size = image.symbols["start"].address, 120
     assert client.read(code, size) == InitialMemory(image)(code, size)
-    there = 0x20010000
+    target = 0x20010000
     data = random.Random(1).randbytes(5000) + b"\0" * 3000 + b"#$}*" * 4
-    client.write(there, data)
-    assert client.read(there, len(data)) == data
-    assert client.read(there, 0) == b""
+    client.write(target, data)
+    assert client.read(target, len(data)) == data
+    assert client.read(target, 0) == b""
     with pytest.raises(MemoryRefusedError, match="refuses to read 4 bytes at 0xf0000000; check that this ELF runs"):
         client.read(0xF0000000, 4)
-    assert client.read(there, 3) == data[:3]
+    assert client.read(target, 3) == data[:3]
 
 
 def test_the_processor_runs_between_halts_and_only_then(client: GdbClient, image: FirmwareImage) -> None:
@@ -385,7 +385,7 @@ def test_a_port_where_nothing_listens_is_named() -> None:
 
 def with_runs(content: bytes) -> bytes:
     """Frame an answer as servers do that shorten it: behind a byte, ``*`` and how often it comes again."""
-    said, at = bytearray(), 0
+    answer, at = bytearray(), 0
     while at < len(content):
         length = 1
         while at + length < len(content) and content[at + length] == content[at] and length < 98:
@@ -393,12 +393,12 @@ def with_runs(content: bytes) -> bytes:
         byte = bytes((0x7D, content[at] ^ 0x20)) if content[at] in b"#$}*" else content[at : at + 1]
         count = length - 1 + 29
         if length > 3 and byte[0] != 0x7D and chr(count) not in "#$+-":
-            said += byte + b"*" + bytes((count,))
+            answer += byte + b"*" + bytes((count,))
             at += length
         else:
-            said += byte
+            answer += byte
             at += 1
-    return b"$%s#%02x" % (said, sum(said) & 0xFF)
+    return b"$%s#%02x" % (answer, sum(answer) & 0xFF)
 
 
 def test_runs_are_written_out() -> None:
@@ -411,18 +411,18 @@ def test_what_a_server_shortens_is_read_whole_however_it_is_cut(
     runs: list[tuple[int, int]], data: st.DataObject
 ) -> None:
     content = b"".join(bytes((byte,)) * count for byte, count in runs)[: LONGEST // 2]
-    said, reader, read = with_runs(content), PacketReader(runs=True), []
-    while said:
-        cut = data.draw(st.integers(1, len(said)))
-        read += reader.feed(said[:cut])
-        said = said[cut:]
+    answer, reader, read = with_runs(content), PacketReader(runs=True), []
+    while answer:
+        cut = data.draw(st.integers(1, len(answer)))
+        read += reader.feed(answer[:cut])
+        answer = answer[cut:]
     assert read == [content]
 
 
 @given(st.binary(max_size=400), st.binary(min_size=1, max_size=40))
 def test_behind_any_bytes_the_next_packet_is_found(noise: bytes, content: bytes) -> None:
     reader = PacketReader(runs=True)
-    for each in reader.feed(noise + b"#00"):
-        assert each is None or isinstance(each, bytes)
+    for item in reader.feed(noise + b"#00"):
+        assert item is None or isinstance(item, bytes)
     # What the noise began may swallow one packet, and no more.
     assert content in [*reader.feed(packet(content) * 2)]

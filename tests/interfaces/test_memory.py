@@ -49,10 +49,10 @@ def image(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str]
 
 @pytest.fixture
 def machine(image: FirmwareImage) -> Iterator[VirtualK64F]:
-    made = VirtualK64F(image)
-    made.boot()
-    yield made
-    assert not made.debugged
+    result = VirtualK64F(image)
+    result.boot()
+    yield result
+    assert not result.debugged
 
 
 def opened(
@@ -68,7 +68,7 @@ def test_each_quantity_is_read_in_its_own_unit(machine: VirtualK64F) -> None:
     interface: PolledInterface = opened(machine, ALL, "update_calibration")
     assert interface.offers == {Quantity.named(name) for name in ALL}
     observation = interface.read(machine.time_s)
-    values = {each.key: numbers.tolist() for each, numbers in observation.values.items()}
+    values = {item.key: numbers.tolist() for item, numbers in observation.values.items()}
     solution = values["hard_iron"][0]
     assert values.pop("gyroscope_bias") == pytest.approx([0.5 * solution * 180 / np.pi] * 3, rel=1e-12)
     assert values.pop("heading")[0] == pytest.approx(0.18 / np.pi * (solution - 1), rel=1e-4)  # a sum of float32
@@ -196,7 +196,7 @@ def test_what_lies_together_is_asked_for_at_once(machine: VirtualK64F) -> None:
 @given(st.lists(st.tuples(st.integers(0, 4000), st.integers(1, 300)), max_size=12))
 def test_ranges_that_are_read_together_have_every_byte_that_is_wanted(ranges: list[tuple[int, int]]) -> None:
     def memory(address: int, size: int) -> bytes:
-        return bytes(each % 251 for each in range(address, address + size))
+        return bytes(index % 251 for index in range(address, address + size))
 
     ahead = ReadAhead(memory, together(ranges))
     for address, size in [*ranges, (5000, 3)]:

@@ -81,14 +81,14 @@ def test_a_packet_with_a_wrong_escape_is_lost_with_its_bytes(at: int, byte: int)
 @given(packets=st.lists(ANY_PACKET, max_size=12), sizes=st.lists(st.integers(1, 60), min_size=1, max_size=9))
 def test_pieces_of_any_size_give_the_same_packets(packets: list[Packet], sizes: list[int]) -> None:
     wire = b"".join(map(encode, packets))
-    decoder, found, at = PacketDecoder(), [], 0
+    decoder, results, at = PacketDecoder(), [], 0
     while at < len(wire):
         size = sizes[at % len(sizes)]
         batch = decoder.feed(wire[at : at + size])
         assert batch.lost_bytes == 0
-        found += batch.packets()
+        results += batch.packets()
         at += size
-    assert found == packets
+    assert results == packets
     assert decoder.unfinished == 0
 
 
@@ -130,22 +130,22 @@ def test_a_line_that_repeats_one_byte_for_ever_keeps_nothing(byte: int) -> None:
 
 def test_bodies_that_are_longer_than_a_piece_of_the_recording_apart_come_in_order() -> None:
     again = PIECE // len(RECORDING) + 2
-    found = list(batches(RECORDING * again))
-    assert len(found) == 2
-    assert [packet for batch in found for packet in batch.packets()] == STREAM * again
-    places = np.sort(np.concatenate([table.at for batch in found for table in batch.tables]))
+    result = list(batches(RECORDING * again))
+    assert len(result) == 2
+    assert [packet for batch in result for packet in batch.packets()] == STREAM * again
+    places = np.sort(np.concatenate([table.at for batch in result for table in batch.tables]))
     assert places.tolist() == [len(RECORDING) * time + at + 1 for time in range(again) for at in BEGINS[:-1]]
 
 
 def test_every_integer_of_the_truth_comes_out_of_the_recording(shared_data: Callable[[str], Path]) -> None:
     with shared_data("nxp_packets/imu.truth.csv").open(encoding="ascii") as file:
         truth = [[int(cell) for cell in row] for row in list(csv.reader(file))[1:]]
-    found = list(batches(shared_data("nxp_packets/imu.bin").read_bytes()))
-    assert sum(batch.lost_bytes for batch in found) == 0
-    rows = np.concatenate([table.rows for batch in found for table in batch.tables if table.kind is MainPacket])
+    result = list(batches(shared_data("nxp_packets/imu.bin").read_bytes()))
+    assert sum(batch.lost_bytes for batch in result) == 0
+    rows = np.concatenate([table.rows for batch in result for table in batch.tables if table.kind is MainPacket])
     assert np.hstack([rows["acceleration"], rows["field"], rows["rate"]]).tolist() == [row[2:] for row in truth]
-    one_by_one = [each for batch in found for each in batch.packets() if isinstance(each, MainPacket)]
-    assert [[*each.acceleration, *each.field, *each.rate] for each in one_by_one] == [row[2:] for row in truth]
+    one_by_one = [packet for batch in result for packet in batch.packets() if isinstance(packet, MainPacket)]
+    assert [[*item.acceleration, *item.field, *item.rate] for item in one_by_one] == [row[2:] for row in truth]
 
 
 def test_a_table_is_read_in_units() -> None:

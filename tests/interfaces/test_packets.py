@@ -35,7 +35,7 @@ from hiltest.interfaces.packets import (
 from hiltest.interfaces.toolbox_commands import ToolboxCommand
 
 
-@pytest.mark.parametrize(("release", "kind"), KINDS_OF_RELEASES, ids=lambda each: str(getattr(each, "__name__", each)))
+@pytest.mark.parametrize(("release", "kind"), KINDS_OF_RELEASES, ids=lambda item: str(getattr(item, "__name__", item)))
 @given(data=st.data())
 def test_every_packet_of_every_release_comes_back_as_it_was(
     release: Release, kind: type[Packet], data: st.DataObject
@@ -213,9 +213,9 @@ def test_what_a_packet_says_has_the_names_that_its_kind_declares(kind: type[Pack
 
 
 def test_commands_have_four_characters_and_no_two_are_the_same() -> None:
-    assert all(len(each.value) == 4 and each.value.decode("ascii").isprintable() for each in ToolboxCommand)
-    assert len({each.value for each in ToolboxCommand}) == len(ToolboxCommand) == 45
-    of_422 = {each.value for each in ToolboxCommand if each.is_known_to(Release.V4_22)}
+    assert all(len(command.value) == 4 and command.value.decode("ascii").isprintable() for command in ToolboxCommand)
+    assert len({command.value for command in ToolboxCommand}) == len(ToolboxCommand) == 45
+    of_422 = {command.value for command in ToolboxCommand if command.is_known_to(Release.V4_22)}
     assert of_422 == {
         b"VG+ ",
         b"VG- ",
@@ -233,4 +233,4 @@ def test_commands_have_four_characters_and_no_two_are_the_same() -> None:
         b"Q9  ",
         b"RST ",
     }
-    assert all(each.is_known_to(Release.V7) for each in ToolboxCommand)
+    assert all(command.is_known_to(Release.V7) for command in ToolboxCommand)

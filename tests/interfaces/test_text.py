@@ -57,11 +57,11 @@ def said(device: TextDevice, *lines: str) -> list[dict[str, list[float]]]:
     """What is understood of lines behind a first one, which may be the end of a line."""
     interface = opened(device)
     interface.feed(b"\n.\n", 0.0)
-    return [values(each) for line in lines for each in interface.feed(line.encode() + b"\n", 1.0)]
+    return [values(item) for line in lines for item in interface.feed(line.encode() + b"\n", 1.0)]
 
 
 def values(observation: Observation) -> dict[str, list[float]]:
-    return {quantity.key: list(each) for quantity, each in observation.values.items()}
+    return {quantity.key: list(value) for quantity, value in observation.values.items()}
 
 
 def test_every_pattern_is_searched_in_every_line() -> None:
@@ -79,14 +79,14 @@ def test_a_line_with_a_check_sum_is_believed_only_where_that_is_right() -> None:
     lines = b"$HCHDM,101.1,M*28\r\n"  # the first, which may have lost its beginning
     lines += b"$HCHDM,101.1,M*28\r\n$HCHDM,101.9,M*26\r\n$PTNT,-2.5*36\r\n$PTNT,-2.5*4F\r\n"
     lines += b"$HCHDM,101.1,M\r\n$PTNT,7*4g\r\n"
-    found = interface.feed(lines, 1.0)
-    assert [(values(each), each.checked) for each in found if not each.error] == [
+    feed = interface.feed(lines, 1.0)
+    assert [(values(packet), packet.checked) for packet in feed if not packet.error] == [
         ({"heading": [101.1]}, True),
         ({"pitch": [-2.5]}, True),
         ({"heading": [101.1]}, False),
         ({"pitch": [7.0]}, False),
     ]
-    assert [each.error for each in found if each.error] == 2 * ["a line has a wrong check sum"]
+    assert [packet.error for packet in feed if packet.error] == 2 * ["a line has a wrong check sum"]
     assert interface.not_understood == 2
 
 
@@ -143,7 +143,7 @@ def test_columns_need_no_such_line_when_the_rig_names_or_numbers_them() -> None:
 
 def test_a_header_may_be_the_first_line_and_is_understood() -> None:
     interface = opened(COLUMNS)
-    assert [values(each) for each in interface.feed(b"yaw,gx,gy,gz,cal\r\n1,0,0,0,1\r\n", 0.0)] == [
+    assert [values(item) for item in interface.feed(b"yaw,gx,gy,gz,cal\r\n1,0,0,0,1\r\n", 0.0)] == [
         {"heading": [1.0], "gyroscope": [0.0, 0.0, 0.0], "calibrated": [1.0]}
     ]
     assert interface.not_understood == 0
@@ -178,10 +178,10 @@ def test_a_line_may_say_that_the_calibration_is_ready() -> None:
 def test_errors_are_reported_in_the_firmwares_words_and_bounded() -> None:
     interface = opened(LINES)
     observed = interface.feed(b"ERR boot \x07\xff\nERR sensor 2 gone hdg=3\nERR " + b"a" * 900 + b"\n", 2.5)
-    assert [each.error for each in observed] == ["boot ⟨U+0007⟩�", "sensor 2 gone hdg=3", "a" * 200]
-    assert [values(each) for each in observed] == [{}, {"heading": [3.0]}, {}]
-    assert {each.time_s for each in observed} == {2.5}
-    assert [each.error for each in opened(JSON).feed(b'{"fault": 3}\n', 0.0)] == ['{"fault": 3}']
+    assert [reading.error for reading in observed] == ["boot ⟨U+0007⟩�", "sensor 2 gone hdg=3", "a" * 200]
+    assert [values(reading) for reading in observed] == [{}, {"heading": [3.0]}, {}]
+    assert {reading.time_s for reading in observed} == {2.5}
+    assert [item.error for item in opened(JSON).feed(b'{"fault": 3}\n', 0.0)] == ['{"fault": 3}']
 
 
 def test_the_first_line_may_be_the_end_of_one() -> None:
@@ -237,7 +237,7 @@ def test_a_pattern_that_would_take_for_ever_is_given_up_and_holds_up_nothing() -
     observed = interface.feed(b".\n" + (b"a" * 500 + b"!\n") * 50 + b"hdg=3\n", 0.0)
     # A second for the one search that is stopped, milliseconds for all others; the machine may be busy.
     assert time.monotonic() - begin_s < 10.0
-    assert [values(each) for each in observed] == [{"heading": [3.0]}]
+    assert [values(reading) for reading in observed] == [{"heading": [3.0]}]
     assert interface.given_up == ("^(?P<roll>(a|aa)+)$",)
 
 
@@ -253,7 +253,7 @@ def plain(observations: Sequence[Observation]) -> list[tuple[dict[str, list[floa
 
 
 def fed(interface: TextInterface, pieces: Sequence[bytes]) -> list[tuple[dict[str, list[float]], str]]:
-    return plain([each for piece in pieces for each in interface.feed(piece, 0.0)])
+    return plain([item for piece in pieces for item in interface.feed(piece, 0.0)])
 
 
 @pytest.mark.parametrize("form", SAMPLES)

@@ -98,9 +98,9 @@ def test_a_count_needs_a_scale_and_a_command_bytes() -> None:
     ],
 )
 def test_units_convert(number: float, word: str, unit: str, converted: float) -> None:
-    found = conversion(word, unit)
-    assert found is not None
-    assert found.factor * number + found.offset == pytest.approx(converted)
+    result = conversion(word, unit)
+    assert result is not None
+    assert result.factor * number + result.offset == pytest.approx(converted)
 
 
 @pytest.mark.parametrize("quantity", Quantity)

@@ -99,7 +99,7 @@ class FaultyPort(VirtualPort):
             if kind == "drop":
                 data = data[:at] + data[at + dice.choice((1, 1, 2, 5)) :]
             elif kind == "flip":
-                data = data[:at] + bytes(each ^ (1 << dice.randrange(8)) for each in data[at : at + 1]) + data[at + 1 :]
+                data = data[:at] + bytes(item ^ (1 << dice.randrange(8)) for item in data[at : at + 1]) + data[at + 1 :]
             elif kind == "double":
                 end = dice.choice((at + 1, len(data)))
                 data = data[:end] + data[dice.choice((0, at)) : end] + data[end:]
@@ -166,11 +166,11 @@ def opened(bench: VirtualBench, port: FaultyPort, seed: int) -> Session:
 def check_kept(session: Session, port: FaultyPort) -> None:
     """Check that every byte of both directions is in the transcript."""
     assert session.transcript is not None
-    kept = dict.fromkeys(Direction, b"")
+    stored = dict.fromkeys(Direction, b"")
     for entry in session.transcript.entries:
-        kept[entry.direction] += entry.data
-    assert kept[Direction.TO_BOARD] == bytes(port.written)
-    assert kept[Direction.TO_HOST] == bytes(port.given)
+        stored[entry.direction] += entry.data
+    assert stored[Direction.TO_BOARD] == bytes(port.written)
+    assert stored[Direction.TO_HOST] == bytes(port.given)
 
 
 def hold_session(bench: VirtualBench, seed: int, totals: Counter[str]) -> None:
@@ -197,8 +197,8 @@ def hold_session(bench: VirtualBench, seed: int, totals: Counter[str]) -> None:
     # Whatever was acknowledged is on the board, once, and what was not is there as a whole or not at all.
     bench.machine.run_until(bench.time_s + 1.0)
     clean.synchronise()
-    found = clean.request(Points(0, MAX_POINTS_READ)).magnetometer.tolist()
-    assert found == model.stored or found == model.unsure
+    magnetometer = clean.request(Points(0, MAX_POINTS_READ)).magnetometer.tolist()
+    assert magnetometer == model.stored or magnetometer == model.unsure
 
 
 @pytest.mark.slow  # sessions by the hundred

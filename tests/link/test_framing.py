@@ -66,8 +66,8 @@ def test_any_frame_round_trips(type_: int, sequence: int, payload: bytes) -> Non
 def test_frames_between_random_garbage_are_found(garbage: list[bytes], payload: bytes) -> None:
     frames = [Frame(0x80 + index, index, payload) for index in range(3)]
     wire = garbage[0] + b"".join(encode_frame(frame) + noise for frame, noise in zip(frames, garbage[1:], strict=True))
-    found = [item for item in decode_all(wire) if isinstance(item, Frame)]
-    assert found == frames
+    results = [item for item in decode_all(wire) if isinstance(item, Frame)]
+    assert results == frames
 
 
 @pytest.mark.parametrize("payload", [b"", b"\x7e\x7d", bytes(range(64)), random.Random(5).randbytes(200)])
@@ -78,8 +78,8 @@ def test_every_single_bit_flip_is_rejected(payload: bytes) -> None:
         damaged[bit // 8] ^= 1 << (bit % 8)
         # A second, intact frame behind shows that the decoder recovers too.
         follower = Frame(0x86, 0x13, b"next")
-        found = [item for item in decode_all(bytes(damaged) + encode_frame(follower)) if isinstance(item, Frame)]
-        assert found == [follower], f"bit {bit} of {wire.hex(' ')}"
+        results = [item for item in decode_all(bytes(damaged) + encode_frame(follower)) if isinstance(item, Frame)]
+        assert results == [follower], f"bit {bit} of {wire.hex(' ')}"
 
 
 def test_a_split_at_every_byte_boundary_changes_nothing() -> None:

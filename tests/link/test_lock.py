@@ -69,10 +69,10 @@ def test_the_second_process_is_told_who_has_the_board(device: str, other: Opened
     with pytest.raises(PortRefusedError) as caught:
         open_port(device)
     assert isinstance(caught.value, BenchError)
-    said = str(caught.value)
-    assert f"cannot use {device}: process {process.pid} of " in said
-    assert "rig bench seven" in said
-    assert device in said.partition("(")[2], "its command"
+    text = str(caught.value)
+    assert f"cannot use {device}: process {process.pid} of " in text
+    assert "rig bench seven" in text
+    assert device in text.partition("(")[2], "its command"
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])

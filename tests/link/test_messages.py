@@ -154,13 +154,13 @@ def test_a_pose_comes_back_as_it_was_sent() -> None:
 def test_a_fit_of_an_accelerometer_names_the_faces_at_fault() -> None:
     numbers = [float(k) for k in range(12)]
     data = struct.pack("<B3B13fII", 0, AccelerometerStatus.MISPLACED_FACE, 0b100010, 255, *numbers, 0.5, 900, 30)
-    found = decode_reply(FitAccelerometer(6, "six-position"), data)
-    assert found.solution.status is AccelerometerStatus.MISPLACED_FACE
-    assert found.solution.faces == (Face.MINUS_X, Face.MINUS_Z)
-    assert found.solution.pose is None
-    assert found.solution.fit.gain.ravel().tolist() == numbers[:9]
-    assert found.solution.fit.offset.tolist() == numbers[9:]
-    assert (found.solution.residual_mg, found.cost) == (0.5, RunCost(900, 30))
+    reply = decode_reply(FitAccelerometer(6, "six-position"), data)
+    assert reply.solution.status is AccelerometerStatus.MISPLACED_FACE
+    assert reply.solution.faces == (Face.MINUS_X, Face.MINUS_Z)
+    assert reply.solution.pose is None
+    assert reply.solution.fit.gain.ravel().tolist() == numbers[:9]
+    assert reply.solution.fit.offset.tolist() == numbers[9:]
+    assert (reply.solution.residual_mg, reply.cost) == (0.5, RunCost(900, 30))
 
 
 def test_a_face_reads_gravity_on_the_axis_that_is_down() -> None:
@@ -252,11 +252,11 @@ def test_fed_points_are_counted_one_by_one_and_a_refused_one_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "taken"), [(StreamStatus.OK, 2), (StreamStatus.OK, 4), (StreamStatus.FULL, 3), (StreamStatus.FULL, 4)]
+    ("status", "selected"), [(StreamStatus.OK, 2), (StreamStatus.OK, 4), (StreamStatus.FULL, 3), (StreamStatus.FULL, 4)]
 )
-def test_points_are_all_taken_or_one_is_refused(status: StreamStatus, taken: int) -> None:
-    data = struct.pack(f"<BBIB{taken}I", 0, status, 8, taken, *range(taken))
-    with pytest.raises(ProtocolError, match=f"{status.name} after {taken} of 3 points"):
+def test_points_are_all_taken_or_one_is_refused(status: StreamStatus, selected: int) -> None:
+    data = struct.pack(f"<BBIB{selected}I", 0, status, 8, selected, *range(selected))
+    with pytest.raises(ProtocolError, match=f"{status.name} after {selected} of 3 points"):
         decode_reply(StreamFeed("s", 0, 3), data)
 
 
@@ -355,5 +355,5 @@ def test_requests_beyond_the_protocol_are_refused_before_they_are_sent(request_:
 
 
 def test_codes_and_names_are_unique() -> None:
-    codes, names = ({getattr(each, what) for each in REQUESTS} for what in ("code", "command"))
+    codes, names = ({getattr(request, name) for request in REQUESTS} for name in ("code", "command"))
     assert len(codes) == len(names) == len(REQUESTS)

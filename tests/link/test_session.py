@@ -121,15 +121,15 @@ def test_another_firmware_is_named(synchronised: OpenSession) -> None:
 
 
 def test_a_retry_carries_the_same_sequence_number(synchronised: OpenSession) -> None:
-    seen: list[Frame] = []
+    observations: list[Frame] = []
 
     def second_time(frame: Frame, _: int) -> bytes:
-        seen.append(frame)
-        return reply(frame, COUNTERS) if len(seen) == 2 else b""
+        observations.append(frame)
+        return reply(frame, COUNTERS) if len(observations) == 2 else b""
 
     session = synchronised(second_time, deadline_s=0.15)
     session.request(LinkStatistics())
-    assert seen[0] == seen[1]
+    assert observations[0] == observations[1]
     assert [attempt.outcome for attempt in session.attempts[1:]] == [RequestOutcome.TIMEOUT, RequestOutcome.ANSWERED]
     assert session.retried == 1
 

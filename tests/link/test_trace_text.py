@@ -30,7 +30,7 @@ def test_a_request_is_read_back_from_its_bytes(request_: Request[Any]) -> None:
 
 
 def test_every_request_there_is_can_be_read_back() -> None:
-    assert {type(each) for each in REQUESTS} == kinds_under(Request)
+    assert {type(request) for request in REQUESTS} == kinds_under(Request)
 
 
 def lines(*entries: tuple[float, Direction, bytes]) -> list[str]:

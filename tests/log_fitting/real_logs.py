@@ -81,8 +81,8 @@ def told(command: str, *arguments: str | Path) -> dict[str, Any]:
     )
     if not done.stdout:
         raise SystemExit(done.stderr)
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    content: dict[str, Any] = json.loads(done.stdout)
+    return content
 
 
 def geometric_fit(points: Array, centre: Array, radius: float) -> tuple[Array, float]:
@@ -102,8 +102,8 @@ def geometric_fit(points: Array, centre: Array, radius: float) -> tuple[Array, f
         return (lengths - 1.0) * lengths / np.linalg.norm(corrected @ matrix(parameters), axis=1)
 
     start = np.concatenate([centre, (np.eye(3) / radius)[places]])
-    found = least_squares(off, start, x_scale=np.abs(start) + 1.0 / radius).x
-    return found[:3], float(np.linalg.det(matrix(found))) ** (-1.0 / 3.0)
+    result = least_squares(off, start, x_scale=np.abs(start) + 1.0 / radius).x
+    return result[:3], float(np.linalg.det(matrix(result))) ** (-1.0 / 3.0)
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -120,30 +120,30 @@ def magnetometers() -> Iterator[str]:
     yield _MAGNETOMETERS
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        for name, path, known in _magnetometer_logs(Path(folder)):
+        for name, path, log in _magnetometer_logs(Path(folder)):
             columns = _PACKET_COLUMNS if path.name == "packets.csv" else None
-            said = told("fit", path, "--on", "host", *(["--columns", columns] if columns else []))
-            best = next(each for each in said["calibrators"] if each["name"] == said["best"])
+            answer = told("fit", path, "--on", "host", *(["--columns", columns] if columns else []))
+            best = next(calibrator for calibrator in answer["calibrators"] if calibrator["name"] == answer["best"])
             samples = read_samples(path, columns=columns)
-            kept = left_out(samples).rest.points
+            stored = left_out(samples).rest.points
             error = best["direction_error_deg"]
             centre, radius = np.array(best["hard_iron"]), best["radius"]
             scipy_s = (
-                [_triple(geometric_fit(points, centre, radius)[0]) for points in (kept, samples.points)]
-                if said["condition"] <= 300.0
+                [_triple(geometric_fit(points, centre, radius)[0]) for points in (stored, samples.points)]
+                if answer["condition"] <= 300.0
                 else ["-", "-"]
             )
             rows.append(
                 [
                     name,
-                    f"{said['n_in']}, {said['n_in'] - len(kept)}",
-                    f"{said['verdict']}, `{best['name']}`",
+                    f"{answer['n_in']}, {answer['n_in'] - len(stored)}",
+                    f"{answer['verdict']}, `{best['name']}`",
                     _triple(centre),
                     f"{radius:.2f}",
                     f"{best['residual_percent']:.2f}",
                     "-" if error is None else f"{error:.2f}",
                     *scipy_s,
-                    known,
+                    log,
                 ]
             )
     headings = [
@@ -164,8 +164,8 @@ def magnetometers() -> Iterator[str]:
 def _magnetometer_logs(folder: Path) -> Iterator[tuple[str, Path, str]]:
     """Yield name, file and what its README says."""
     nxp, packets = DATA / "nxp_imu_fxos8700", folder / "packets.csv"
-    known = re.search(r"centre at \(([^)]*)\) uT", (DATA / "README.md").read_text(encoding="utf-8"))
-    centre = known.group(1) if known else "?"
+    match = re.search(r"centre at \(([^)]*)\) uT", (DATA / "README.md").read_text(encoding="utf-8"))
+    centre = match.group(1) if match else "?"
     yield "nxp_imu_fxos8700, imu.csv", nxp / "imu.csv", f"geometric centre {centre}, a poor cloud"
     yield "nxp_imu_fxos8700, check_cal.csv", nxp / "check_cal.csv", "flat, four stops of about 90 degrees"
     subprocess.run(
@@ -191,15 +191,15 @@ def _instruments() -> Iterator[str]:
                 header="mx,my,mz,ax,ay,az",
                 comments="",
             )
-            said = told("fit", log, "--on", "host")
-            by_name = {each["name"]: each for each in said["calibrators"]}
-            best, gravity = by_name[said["best"]], by_name[said["best"]]["gravity"]
+            answer = told("fit", log, "--on", "host")
+            by_name = {calibrator["name"]: calibrator for calibrator in answer["calibrators"]}
+            best, gravity = by_name[answer["best"]], by_name[answer["best"]]["gravity"]
             norms = by_name["direct"]
-            against = next((each for each in said["calibrators"] if each["gravity"]), None)
+            against = next((calibrator for calibrator in answer["calibrators"] if calibrator["gravity"]), None)
             rows.append(
                 [
                     shots.name,
-                    f"{said['verdict']}, `{said['best']}`",
+                    f"{answer['verdict']}, `{answer['best']}`",
                     f"{best['residual_percent']:.2f}",
                     _repeat(shots, norms, (gravity or (against or {}).get("gravity"))),
                     _repeat(shots, best, gravity),
@@ -251,8 +251,8 @@ def _imus() -> Iterator[str]:
     yield _table(headings, rows)
 
 
-def _imu(said: dict[str, Any]) -> list[str]:
-    accelerometer, gyroscope = said["accelerometer"], said["gyroscope"]
+def _imu(message: dict[str, Any]) -> list[str]:
+    accelerometer, gyroscope = message["accelerometer"], message["gyroscope"]
     gain = [accelerometer["gain"][place][place] for place in range(3)]
     return [
         str(accelerometer.get("verdict", "-")),

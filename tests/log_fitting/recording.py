@@ -62,7 +62,7 @@ class Recording:
         axis = axis / np.linalg.norm(axis)
         angle = np.arctan2(np.linalg.norm(np.cross(self.up, end)), self.up @ end)
         share, speed = self._course(seconds)
-        turned = [_rotated(self.up, axis, -angle * each) for each in share]
+        turned = [_rotated(self.up, axis, -angle * item) for item in share]
         self._add(np.array(turned), np.degrees(angle) * speed[:, None] * axis)
         self.up = end
         return self

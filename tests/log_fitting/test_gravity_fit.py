@@ -61,19 +61,19 @@ def write(path: Path, points: np.ndarray, acceleration: np.ndarray) -> None:
 
 
 def checked(cloud: Samples) -> tuple[AgainstGravity, list[CalibratorFit]]:
-    found, fits = against_gravity(cloud, Rating(cloud, None), robust=True)
-    assert found is not None
-    return found, fits
+    result, fits = against_gravity(cloud, Rating(cloud, None), robust=True)
+    assert result is not None
+    return result, fits
 
 
 def against(fit: SampleFit) -> dict[str, CalibratorFit]:
     return {calibrator.name: calibrator for calibrator in fit.calibrators if calibrator.gravity is not None}
 
 
-def calibration(each: CalibratorFit) -> MagnetometerFit:
-    assert each.radius is not None
-    soft_iron = np.array(each.soft_iron) / each.radius
-    return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, np.array(each.hard_iron))
+def calibration(fit: CalibratorFit) -> MagnetometerFit:
+    assert fit.radius is not None
+    soft_iron = np.array(fit.soft_iron) / fit.radius
+    return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, np.array(fit.hard_iron))
 
 
 def test_a_still_log_is_calibrated_against_gravity_and_that_is_the_best() -> None:
@@ -82,7 +82,7 @@ def test_a_still_log_is_calibrated_against_gravity_and_that_is_the_best() -> Non
     assert fit.gravity is not None
     assert fit.gravity.norms_held_out_dip_deg is not None
     assert fit.best.gravity is not None
-    spreads = {name: each.gravity and each.gravity.held_out_dip_deg for name, each in against(fit).items()}
+    spreads = {name: item.gravity and item.gravity.held_out_dip_deg for name, item in against(fit).items()}
     assert fit.best.gravity.held_out_dip_deg == min(spread for spread in spreads.values() if spread is not None)
     assert fit.best.gravity.held_out_dip_deg < fit.gravity.norms_held_out_dip_deg
     # The rotation is 2 degrees: directions of norms alone are off by 1.6.
@@ -111,9 +111,9 @@ def test_a_moving_log_is_told_with_figures_and_fitted_as_without(moved_g: float)
     fit = fit_on_host(cloud)
     assert not against(fit)
     assert fit.best.name == fit_on_host(replace(cloud, acceleration=None)).best.name
-    (told,) = (note for note in fit.notes if "Gravity" in note)
+    (answer,) = (note for note in fit.notes if "Gravity" in note)
     length, dip, most = map(
-        float, re.findall(r"varies by ([\d.]+) %.* the dip by ([\d.]+) deg \(at most ([\d.]+)\)", told)[0]
+        float, re.findall(r"varies by ([\d.]+) %.* the dip by ([\d.]+) deg \(at most ([\d.]+)\)", answer)[0]
     )
     assert length == pytest.approx(100.0 * moved_g, rel=0.2)
     # Of gravity turned by an angle of moved_g the dip has the part in the plane of both.
@@ -130,18 +130,18 @@ def test_a_wild_row_and_gaps_of_the_accelerometer_cost_only_these_rows() -> None
     fit = fit_on_host(cloud)
     assert fit.gravity is not None
     assert (fit.gravity.n_pairs, fit.gravity.unused) == (179, "")
-    assert {each.n_used for each in against(fit).values()} == {179}
-    taken = fit_on_host(cloud, robust=False)
-    assert taken.gravity is not None
-    assert taken.gravity.unused
+    assert {item.n_used for item in against(fit).values()} == {179}
+    selected = fit_on_host(cloud, robust=False)
+    assert selected.gravity is not None
+    assert selected.gravity.unused
 
 
 def test_no_attitude_of_a_still_log_is_taken_for_a_wild_row(shared_data: Callable[[str], Path]) -> None:  # noqa: F811
     """Four of the 24 shots of this instrument are off by half a percent, further than 4.5 times the others' scatter."""
     shots = Shots.read(shared_data("circuitpython_magcal/tests/fixtures/SAP6/FG.json"))
     assert outliers(shots.acceleration).sum() == 4
-    found, _ = checked(log(shots.points, shots.acceleration))
-    assert found.n_pairs == 24
+    result, _ = checked(log(shots.points, shots.acceleration))
+    assert result.n_pairs == 24
 
 
 @pytest.mark.parametrize(
@@ -166,11 +166,11 @@ def test_an_accelerometer_that_shows_nothing_is_named(change: Callable[[np.ndarr
 def test_wrong_letters_and_signs_are_named_with_the_columns_that_put_them_right(axes: Axes, moved_g: float) -> None:
     """All 48: only the right ones, and all three signs the other way, which is a dip of the other sign, say nothing."""
     points, acceleration = still_pairs(6, 200, moved_g=moved_g)
-    found, _ = checked(log(points @ axes.matrix.T, acceleration))
+    result, _ = checked(log(points @ axes.matrix.T, acceleration))
     if axes.order == RIGHT.order and abs(sum(axes.signs)) == 3:
-        assert not found.axes
+        assert not result.axes
         return
-    first, second = (re.sub(r"[,.]$", "", each) for each in re.findall(r"--columns (\S+)", found.axes))
+    first, second = (re.sub(r"[,.]$", "", match) for match in re.findall(r"--columns (\S+)", result.axes))
     # One of them is what undoes the axes, letter by letter.
     undone = [""] * 3
     for name, axis, sign in zip(NAMES, axes.order, axes.signs, strict=True):
@@ -186,8 +186,8 @@ def test_a_part_that_is_mounted_askew_has_right_axes(seed: int, angle_deg: float
 
     turn = Rotation.from_rotvec(np.radians(angle_deg) * np.eye(3)[axis])
     points, acceleration = still_pairs(seed, 100)
-    found, fits = checked(log(turn.apply(points), acceleration))
-    assert not found.axes
+    result, fits = checked(log(turn.apply(points), acceleration))
+    assert not result.axes
     for fit in map(calibration, fits):
         turned = replace(fit, soft_iron=fit.soft_iron @ turn.as_matrix(), hard_iron=turn.inv().apply(fit.hard_iron))
         # 0.2 uT in 100 pairs leave 0.1 deg, of `dpi` 0.3; three times that in a thousand draws.
@@ -198,9 +198,9 @@ def test_the_columns_that_are_named_can_be_given(tmp_path: Path) -> None:
     points, acceleration = still_pairs(7, 60)
     write(tmp_path / "swapped.csv", points[:, [1, 0, 2]] * [1.0, 1.0, -1.0], acceleration)
     run = CliRunner()
-    told = run.invoke(fit_command, [str(tmp_path / "swapped.csv"), "--on", "host", "--unit", "uT"]).output
-    assert "x and y seem exchanged, z seems negated" in " ".join(told.split())
-    suggested = shlex.split(" ".join(told.split()).split("--columns ")[1])[0]
+    output = run.invoke(fit_command, [str(tmp_path / "swapped.csv"), "--on", "host", "--unit", "uT"]).output
+    assert "x and y seem exchanged, z seems negated" in " ".join(output.split())
+    suggested = shlex.split(" ".join(output.split()).split("--columns ")[1])[0]
     assert suggested == "my,mx,-mz"
     options = ["--on", "host", "--unit", "uT", "--columns", suggested]
     done = run.invoke(fit_command, [str(tmp_path / "swapped.csv"), *options])
@@ -229,8 +229,8 @@ def test_what_is_printed_and_drawn_has_the_norms_beside_it() -> None:
     fit = fit_on_host(cloud)
     assert fit.gravity is not None
     page = fit_page(fit, cloud).replace("\N{NO-BREAK SPACE}", " ")
-    for each in against(fit):
-        assert each in page
+    for item in against(fit):
+        assert item in page
     assert f"with norms alone the dip varies by {fit.gravity.norms_held_out_dip_deg:.2f}" in page
     assert page.count("<table") == 2, "side by side they are wider than a desk"
     content = json.loads(to_json(fit))

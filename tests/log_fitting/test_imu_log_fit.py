@@ -50,18 +50,18 @@ def errors(fit: ImuLogFit, accelerometer: Sensor = ACCELEROMETER, gyroscope: Sen
     assert fit.accelerometer.fit is not None, fit.accelerometer.refused
     assert fit.gyroscope is not None
     assert fit.gyroscope.fit is not None, fit.gyroscope.refused
-    left = (fit.accelerometer.fit.gain @ accelerometer.response, fit.gyroscope.fit.matrix @ gyroscope.response)
-    return tuple(float(np.abs(each - np.eye(3)).max()) for each in left)  # type: ignore[return-value]
+    remainder = (fit.accelerometer.fit.gain @ accelerometer.response, fit.gyroscope.fit.matrix @ gyroscope.response)
+    return tuple(float(np.abs(item - np.eye(3)).max()) for item in remainder)  # type: ignore[return-value]
 
 
 def test_rests_are_found_where_they_are() -> None:
     recording = Recording().rest(3.0).lay([0, 1, 0], 1.5).rest(4.0).turn(360.0, 6.0).rest(2.0)
     log = log_of(*recording.readings())
     rests = found_intervals(log).rests
-    wanted = [(0, 300), (450, 850), (1450, 1650)]
+    expected = [(0, 300), (450, 850), (1450, 1650)]
     # A move begins and ends slowly: up to a third of a second of it is not told from noise.
     assert [(rest.start, rest.end) for rest in rests] == [
-        (pytest.approx(start, abs=35), pytest.approx(end, abs=35)) for start, end in wanted
+        (pytest.approx(start, abs=35), pytest.approx(end, abs=35)) for start, end in expected
     ]
 
 
@@ -122,7 +122,7 @@ def test_what_counts_were_turned_by_is_said() -> None:
         recording.lay(face).rest().turn(720.0, 8.0).rest()
     gyroscope = Sensor(16.0 * GYROSCOPE.response, GYROSCOPE.bias, 0.8)
     units = (G, RateUnit.COUNTS)
-    right, wrong = (fitted(recording, ACCELEROMETER, gyroscope, units, turn_deg=each) for each in (720.0, 360.0))
+    right, wrong = (fitted(recording, ACCELEROMETER, gyroscope, units, turn_deg=item) for item in (720.0, 360.0))
     assert errors(right, ACCELEROMETER, gyroscope)[1] < 0.001
     assert errors(wrong, ACCELEROMETER, gyroscope)[1] == pytest.approx(0.5, abs=0.01)
     # In degrees a second it tells by itself how many turns it were.
@@ -151,15 +151,15 @@ def test_a_wrong_scale_of_one_axis_is_seen_in_that_axis(axis: int) -> None:
     """Both sensors read 4 % more on one axis than the truth that they are judged by: each must show it there alone."""
     off = np.eye(3)
     off[axis, axis] = 1.04
-    wrong = [replace(each, response=off @ each.response) for each in (ACCELEROMETER, GYROSCOPE)]
+    wrong = [replace(item, response=off @ item.response) for item in (ACCELEROMETER, GYROSCOPE)]
     fit = fitted(six_faces_and_turns(), *wrong)
     assert fit.accelerometer.fit is not None
     assert fit.gyroscope is not None
     assert fit.gyroscope.fit is not None
-    for found, sensor in ((fit.accelerometer.fit.gain, ACCELEROMETER), (fit.gyroscope.fit.matrix, GYROSCOPE)):
-        left = found @ off @ sensor.response
-        assert np.abs(left - np.eye(3)).max() < 0.001
-        assert np.abs(found @ sensor.response - np.eye(3)).max() == pytest.approx(1.0 - 1.0 / 1.04, abs=0.002)
+    for result, sensor in ((fit.accelerometer.fit.gain, ACCELEROMETER), (fit.gyroscope.fit.matrix, GYROSCOPE)):
+        remainder = result @ off @ sensor.response
+        assert np.abs(remainder - np.eye(3)).max() < 0.001
+        assert np.abs(result @ sensor.response - np.eye(3)).max() == pytest.approx(1.0 - 1.0 / 1.04, abs=0.002)
 
 
 def test_missing_faces_are_named() -> None:
@@ -246,29 +246,32 @@ def test_readings_in_motion_are_fitted_by_their_norm_whatever_jerks_and_dropouts
         acceleration[first + 20 : first + 23] = 0.0
     acceleration[::100] = random.uniform(-8.0, 8.0, acceleration[::100].shape)
     log = log_of(scale * acceleration, None, (G, DPS) if scale == 1.0 else COUNTS)
-    found = fit_imu_log(log, found_intervals(log)).accelerometer
-    assert (found.method, found.rests) == ("moving", 0)
-    assert found.fit is not None, found.refused
-    assert found.left_out == pytest.approx(0.08 * len(acceleration), abs=0.02 * len(acceleration))
+    accelerometer = fit_imu_log(log, found_intervals(log)).accelerometer
+    assert (accelerometer.method, accelerometer.rests) == ("moving", 0)
+    assert accelerometer.fit is not None, accelerometer.refused
+    assert accelerometer.left_out == pytest.approx(0.08 * len(acceleration), abs=0.02 * len(acceleration))
     # 10 mg of motion over 1840 readings of nine unknowns: 0.7 mg, and as much again for the sides that were not seen.
-    assert np.abs(scale * found.fit.gain @ SYMMETRIC.response - np.eye(3)).max() < 0.003
-    assert np.abs(found.fit.offset / scale - SYMMETRIC.bias).max() < 0.003
-    assert found.direction_error_deg is not None
-    assert 0.01 < found.direction_error_deg < 0.25
-    assert (found.verdict, [reason.figure for reason in found.reasons]) == (Acceptance.FAIR, ["spread_after_percent"])
+    assert np.abs(scale * accelerometer.fit.gain @ SYMMETRIC.response - np.eye(3)).max() < 0.003
+    assert np.abs(accelerometer.fit.offset / scale - SYMMETRIC.bias).max() < 0.003
+    assert accelerometer.direction_error_deg is not None
+    assert 0.01 < accelerometer.direction_error_deg < 0.25
+    assert (accelerometer.verdict, [reason.figure for reason in accelerometer.reasons]) == (
+        Acceptance.FAIR,
+        ["spread_after_percent"],
+    )
 
 
 def test_a_log_of_shocks_is_poor_and_one_from_one_side_is_refused() -> None:
     random = np.random.default_rng(9)
     acceleration, _ = tumbled().readings(SYMMETRIC)
     shaken = log_of(acceleration + random.normal(0.0, 0.1, acceleration.shape), None)
-    found = fit_imu_log(shaken, found_intervals(shaken)).accelerometer
-    assert found.verdict is Acceptance.POOR
-    assert "spread_after_percent" in [reason.figure for reason in found.reasons]
+    accelerometer = fit_imu_log(shaken, found_intervals(shaken)).accelerometer
+    assert accelerometer.verdict is Acceptance.POOR
+    assert "spread_after_percent" in [reason.figure for reason in accelerometer.reasons]
     half = log_of(acceleration[acceleration[:, 2] > 0.8], None)
-    found = fit_imu_log(half, found_intervals(half), "moving").accelerometer
-    assert (found.verdict, found.fit) == (Acceptance.REFUSED, None)
-    assert "side" in found.refused or "sphere" in found.refused
+    accelerometer = fit_imu_log(half, found_intervals(half), "moving").accelerometer
+    assert (accelerometer.verdict, accelerometer.fit) == (Acceptance.REFUSED, None)
+    assert "side" in accelerometer.refused or "sphere" in accelerometer.refused
 
 
 def test_faces_that_a_hand_laid_askew_are_measured_and_spoil_no_offset() -> None:
@@ -277,21 +280,24 @@ def test_faces_that_a_hand_laid_askew_are_measured_and_spoil_no_offset() -> None
     for face in FACES:
         slope = np.radians(1.0) * random.standard_normal(3) * (1.0 - np.abs(face))
         recording.lay(face + slope).rest()
-    found = fitted(recording).accelerometer
-    assert found.method == "six-position"
-    assert found.fit is not None
+    accelerometer = fitted(recording).accelerometer
+    assert accelerometer.method == "six-position"
+    assert accelerometer.fit is not None
     # 1.5 mg over 300 samples are 0.09 mg, and what part and faces are askew by leaves 0.1; least squares leave 6.
-    assert np.abs(found.fit.offset - ACCELEROMETER.bias).max() < 0.0005
-    assert found.faces_askew_deg == pytest.approx(1.0, abs=0.6)  # from six angles
-    assert (found.verdict, [reason.figure for reason in found.reasons]) == (Acceptance.FAIR, ["direction_error_deg"])
+    assert np.abs(accelerometer.fit.offset - ACCELEROMETER.bias).max() < 0.0005
+    assert accelerometer.faces_askew_deg == pytest.approx(1.0, abs=0.6)  # from six angles
+    assert (accelerometer.verdict, [reason.figure for reason in accelerometer.reasons]) == (
+        Acceptance.FAIR,
+        ["direction_error_deg"],
+    )
 
 
 def test_an_ellipsoid_from_six_faces_says_what_it_needs() -> None:
     log = log_of(*six_faces_and_turns().readings())
-    found = fit_imu_log(log, found_intervals(log), "ellipsoid").accelerometer
-    assert found.fit is None
-    assert "nine unknowns" in found.refused
-    assert "on edges and corners too, in at least 9 poses, or use --method six-position" in found.refused
+    accelerometer = fit_imu_log(log, found_intervals(log), "ellipsoid").accelerometer
+    assert accelerometer.fit is None
+    assert "nine unknowns" in accelerometer.refused
+    assert "on edges and corners too, in at least 9 poses, or use --method six-position" in accelerometer.refused
 
 
 def test_what_the_page_tells_to_do_is_good_and_three_turns_are_fair() -> None:
@@ -319,8 +325,10 @@ def test_poses_are_rated_by_how_many_are_left_over(count: int, verdict: Acceptan
     recording = Recording()
     for up in sphere_directions(count):
         recording.lay(up).rest(2.0)
-    found = fitted(recording, SYMMETRIC).accelerometer
-    assert (found.method, found.rests, found.verdict) == ("ellipsoid", count, verdict), found.reasons
+    accelerometer = fitted(recording, SYMMETRIC).accelerometer
+    assert (accelerometer.method, accelerometer.rests, accelerometer.verdict) == ("ellipsoid", count, verdict), (
+        accelerometer.reasons
+    )
 
 
 def test_samples_that_are_missing_in_a_turn_refuse_it() -> None:
@@ -329,7 +337,7 @@ def test_samples_that_are_missing_in_a_turn_refuse_it() -> None:
     whole = fit_imu_log(log, found_intervals(log)).gyroscope
     assert whole is not None
     middle = round(RATE_HZ * (whole.turns[0].start_s + whole.turns[0].end_s) / 2.0)
-    kept = np.r_[0:middle, middle + 50 : len(log.time_s)]
-    cut = replace(log, time_s=log.time_s[kept], acceleration=log.acceleration[kept], rate=log.rate[kept])  # type: ignore[index]
+    stored = np.r_[0:middle, middle + 50 : len(log.time_s)]
+    cut = replace(log, time_s=log.time_s[stored], acceleration=log.acceleration[stored], rate=log.rate[stored])  # type: ignore[index]
     turns = fit_imu_log(cut, found_intervals(cut)).gyroscope.turns  # type: ignore[union-attr]
     assert [turn.refused for turn in turns] == ["samples are missing in it", "", "", ""]

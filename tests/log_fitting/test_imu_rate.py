@@ -124,9 +124,9 @@ def test_a_turn_has_the_bias_of_the_rests_beside_it() -> None:
         AccelerationUnit.G,
         RateUnit.DPS,
     )
-    found = found_intervals(log)
-    listed = replace(found, found=False)
-    fits = [fit_imu_log(log, each).gyroscope for each in (found, listed)]
+    result = found_intervals(log)
+    listed = replace(result, found=False)
+    fits = [fit_imu_log(log, item).gyroscope for item in (result, listed)]
     for fit in fits:
         assert fit is not None
         assert fit.fit is not None
@@ -135,7 +135,7 @@ def test_a_turn_has_the_bias_of_the_rests_beside_it() -> None:
             # The means of two rests, 0.05 deg/s over 300 samples each, and a drift that is even between them.
             assert turn.bias == pytest.approx(GYROSCOPE.bias + middle, abs=0.02)
         assert max(turn.left_deg for turn in fit.turns) < 0.2  # as without the drift
-    one = fit_gyroscope(log, listed, fit_imu_log(log, found).accelerometer.fit)
+    one = fit_gyroscope(log, listed, fit_imu_log(log, result).accelerometer.fit)
     assert one is not None
     assert max(turn.left_deg for turn in one.turns) > 0.8
 
@@ -184,9 +184,9 @@ def test_the_command_writes_scale_and_bias(tmp_path: Path, capsys: pytest.Captur
     header = tmp_path / "gyroscope.h"
     options = ["--rate-rpm", "33.333", "--bias-from", str(still), "--export-header", str(header)]
     assert run("fit", "imu", str(spin), *options) == 0
-    said = capsys.readouterr().out
-    assert "no accelerometer in the log" in said
-    assert "scale of z: 0.985" in said
+    output = capsys.readouterr().out
+    assert "no accelerometer in the log" in output
+    assert "scale of z: 0.985" in output
     assert "gyroscope_scale_z = 9.85" in header.read_text()
     assert "accelerometer_gain" not in header.read_text()
     assert run("fit", "imu", str(spin), *options[:4], "--json") == 0

@@ -19,18 +19,20 @@ def _samples(points: np.ndarray) -> Samples:
 
 @pytest.mark.parametrize("calibrator", ["direct", "corrected"])
 def test_parts_of_a_log_differ_as_predicted(calibrator: str) -> None:
-    found = [agreement for seed in range(12) for agreement in agreements(_samples(hand_turned(seed, 1600)), calibrator)]
-    assert {each.cut for each in found} == {"halves", "tenths"}
-    assert len(found) >= 20  # of 24: some halves show too little of the sphere
-    within = sum(0.5 <= each.ratio <= 2.0 for each in found)
+    results = [
+        agreement for seed in range(12) for agreement in agreements(_samples(hand_turned(seed, 1600)), calibrator)
+    ]
+    assert {entry.cut for entry in results} == {"halves", "tenths"}
+    assert len(results) >= 20  # of 24: some halves show too little of the sphere
+    within = sum(0.5 <= entry.ratio <= 2.0 for entry in results)
     # A jackknife of 20 blocks, and one draw of what it predicts: 87 % of normal ones.
-    assert within >= 0.75 * len(found)
+    assert within >= 0.75 * len(results)
 
 
 def test_a_log_that_changed_state_differs_by_more_than_its_parts_predict() -> None:
     points = hand_turned(1, 1600)
     points[800:] += (6.0, 0.0, 0.0)
-    halves = {each.cut: each.ratio for each in agreements(_samples(points), "direct", robust=False)}["halves"]
+    halves = {item.cut: item.ratio for item in agreements(_samples(points), "direct", robust=False)}["halves"]
     assert halves > 2.5
 
 

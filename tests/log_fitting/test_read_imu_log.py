@@ -92,8 +92,8 @@ def test_rows_of_one_sensor_each_are_joined_at_the_gyroscopes_times(tmp_path: Pa
     assert log.rate.tolist() == [[n, 2 * n, 0.5] for n in range(20)]
     assert log.time_s == pytest.approx([0.01 * n + 0.005 for n in range(20)])
     # On the line through (0.02 k, 1 + 2 k - 1), but for the first piece, from 1 to 2.
-    wanted = [1.25, 1.75, *(0.5 + n for n in range(2, 20))]
-    assert log.acceleration[:, 0] == pytest.approx(wanted)
+    expected = [1.25, 1.75, *(0.5 + n for n in range(2, 20))]
+    assert log.acceleration[:, 0] == pytest.approx(expected)
     assert log.acceleration[:, 2].tolist() == [-5.0] * 20
 
 

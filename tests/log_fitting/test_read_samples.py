@@ -72,7 +72,7 @@ def test_columns_are_chosen_by_name_or_number(tmp_path: Path, columns: str, name
 
 
 @pytest.mark.parametrize(
-    ("header", "unit", "said"),
+    ("header", "unit", "message"),
     [
         ("mx_uT,my_uT,mz_uT", Unit.UT, "header"),
         ("mag x [gauss],mag y [gauss],mag z [gauss]", Unit.GAUSS, "header"),
@@ -83,9 +83,9 @@ def test_columns_are_chosen_by_name_or_number(tmp_path: Path, columns: str, name
         ("mx,my,mz", Unit.COUNTS, "assumed"),
     ],
 )
-def test_the_unit_is_what_the_header_says(tmp_path: Path, header: str, unit: Unit, said: str) -> None:
+def test_the_unit_is_what_the_header_says(tmp_path: Path, header: str, unit: Unit, message: str) -> None:
     cloud = _read(tmp_path, f"{header}\n1,2,3\n")
-    assert (cloud.unit, cloud.unit_from) == (unit, said)
+    assert (cloud.unit, cloud.unit_from) == (unit, message)
     cloud = _read(tmp_path, f"{header}\n1,2,3\n", unit=Unit.GAUSS)
     assert (cloud.unit, cloud.unit_from) == (Unit.GAUSS, "option")
 
@@ -341,7 +341,7 @@ def _what_is_read(path: Path) -> list[object] | str:
     except ConfigError as error:
         return str(error)
     values = (getattr(read, field.name) for field in fields(read))
-    return [(each.shape, each.tobytes()) if isinstance(each, np.ndarray) else each for each in values]
+    return [(value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value for value in values]
 
 
 @given(_tables(), st.booleans())

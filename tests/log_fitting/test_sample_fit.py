@@ -46,7 +46,11 @@ def _drawn(seed: int, count: int, covered: float, noise_ut: float) -> Samples:
 
 def _verdicts(fit: SampleFit) -> dict[str, Acceptance]:
     """Return the verdicts of the two calibrators that firmware and host both have."""
-    return {each.name: each.verdict for each in fit.calibrators if each.name in ("direct", "iterative")}
+    return {
+        calibrator.name: calibrator.verdict
+        for calibrator in fit.calibrators
+        if calibrator.name in ("direct", "iterative")
+    }
 
 
 @pytest.mark.slow  # both, of 7 000 samples
@@ -233,10 +237,10 @@ def test_a_board_gets_points_from_all_over_the_sphere_and_agrees_with_the_host(v
     most = virtual_board.identity.max_points
     assert {calibrator.n_used for calibrator in fit.calibrators} == {most}
     assert f"The board got {most} of {fit.n_left} points" in " ".join(fit.notes)
-    found = {calibrator.name: calibrator.host_difference_deg for calibrator in fit.calibrators}
+    results = {calibrator.name: calibrator.host_difference_deg for calibrator in fit.calibrators}
     # Noise of 0.4 deg in a reading, of 512 of them over nine unknowns; the host's own is as large.
-    assert {name: value for name, value in found.items() if value is not None and value > 0.3} == {}
-    assert found["direct"] is not None
+    assert {name: value for name, value in results.items() if value is not None and value > 0.3} == {}
+    assert results["direct"] is not None
 
 
 def test_a_wild_row_is_left_out_and_named(virtual_board: Board) -> None:

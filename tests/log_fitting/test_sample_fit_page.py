@@ -24,7 +24,7 @@ def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
 
 def _titles(page: str) -> list[str]:
     # The page keeps a number and its % on one line.
-    return [each.replace("\N{NO-BREAK SPACE}", " ") for each in re.findall(r"<figcaption>([^<]*)", page)]
+    return [match.replace("\N{NO-BREAK SPACE}", " ") for match in re.findall(r"<figcaption>([^<]*)", page)]
 
 
 def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
@@ -91,7 +91,7 @@ def test_each_block_of_the_log_has_its_mean_over_time() -> None:
     points = golden_points(400) / 10.0
     points[:20] *= 1.02  # the first of 20 blocks is 2 % longer than the others
     page = _page(points)
-    levels = [float(each) for each in re.findall(r'class="end" d="M[\d.]+ ([\d.]+)L', page)]
+    levels = [float(match) for match in re.findall(r'class="end" d="M[\d.]+ ([\d.]+)L', page)]
     assert len(levels) == 20
     assert min(levels) == levels[0]
     assert levels[0] < min(levels[1:]) - 5.0
@@ -106,6 +106,6 @@ def test_many_calibrators_stand_in_tables_that_fit_a_page() -> None:
     cloud = Samples(Path("cloud.csv"), golden_points(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
     fit = fit_on_host(cloud, ALL)
     tables = figure_tables(fit)
-    assert [each.name for table in tables for each in table.fits] == [calibrator.name for calibrator in fit.calibrators]
+    assert [fit.name for table in tables for fit in table.fits] == [calibrator.name for calibrator in fit.calibrators]
     assert max(len(table.fits) for table in tables) <= 5
     assert all(len(cells) == len(table.fits) for table in tables for _, cells in table.rows)

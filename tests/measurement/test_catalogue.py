@@ -29,7 +29,7 @@ from hiltest.verdict.baseline_file import read_baseline
 
 
 def test_every_measurement_of_a_real_run_has_a_row(real_record: dict[str, Any]) -> None:
-    compared = [each["name"] for each in real_record["measurements"] if not each["volatile"]]
+    compared = [measurement["name"] for measurement in real_record["measurements"] if not measurement["volatile"]]
     assert [name for name in compared if identify(name).kind is None] == []
 
 
@@ -88,8 +88,8 @@ def test_a_nop_a_point_is_beyond_the_tolerance_of_the_slope_too() -> None:
 
 def test_a_third_of_a_degree_is_beyond_the_tolerance_of_every_heading() -> None:
     for calibrator in ("direct", "corrected", "iterative", "dpi"):
-        for what in ("max", "rms", "bias"):
-            tolerance = tolerance_of(f"heading.{calibrator}.{what}", {})
+        for name in ("max", "rms", "bias"):
+            tolerance = tolerance_of(f"heading.{calibrator}.{name}", {})
             assert max(tolerance.absolute, tolerance.relative * 2.0) < 0.3
 
 
@@ -99,7 +99,7 @@ def test_each_measurement_has_a_deviation_of_its_own() -> None:
     assert dpi is not None
     assert direct.value < dpi.value
     kind = KINDS["heading.{calibrator}.rms"]
-    heading_rms = [each.value for name, each in DEVIATIONS.items() if identify(name).kind is kind]
+    heading_rms = [deviation.value for name, deviation in DEVIATIONS.items() if identify(name).kind is kind]
     assert mine is not None
     assert mine.value == max(heading_rms), "of a calibrator that is not known the largest"
     for same in ("cycles.direct.total", "stream.direct-stream.cycles_max", "compass.lag"):
@@ -133,10 +133,10 @@ def test_the_deviations_are_those_of_the_committed_seeds() -> None:
     ],
 )
 def test_a_name_is_of_a_kind_and_a_subject(name: str, kind: str, subject: str) -> None:
-    found = identify(name)
-    assert found.kind is KINDS[kind]
-    assert found.subject == subject
-    assert found.kind.name_for(subject) == name
+    result = identify(name)
+    assert result.kind is KINDS[kind]
+    assert result.subject == subject
+    assert result.kind.name_for(subject) == name
 
 
 def test_each_cost_of_a_calibrator_stands_beside_its_worst_heading() -> None:

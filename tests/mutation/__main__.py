@@ -28,19 +28,19 @@ SCORED = ("src/hiltest", "hil/suites", "hil/rigs", "hil/baselines", "firmware_st
 
 def digest() -> str:
     """Hash everything that decides what a run finds."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for folder in SCORED:
         for path in sorted((ROOT / folder).rglob("*")):
             if path.is_file() and "__pycache__" not in path.parts:
-                found.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
-    return found.hexdigest()[:16]
+                sha256.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return sha256.hexdigest()[:16]
 
 
 def chosen(part: str, words: Sequence[str]) -> list[Mutation]:
     """Return the mistakes of a part that have one of the words."""
     number, _, parts = part.partition("/")
     every = mutations()[int(number) - 1 :: int(parts)]
-    return [each for each in every if not words or any(word in f"{each.name} {each.edit.file}" for word in words)]
+    return [entry for entry in every if not words or any(word in f"{entry.name} {entry.edit.file}" for word in words)]
 
 
 def main() -> int:
@@ -71,16 +71,16 @@ def main() -> int:
 def _run(share: Sequence[Mutation], folder: Path, results: Path, score: Score) -> None:
     copy = None
     for number, mutation in enumerate(share):
-        kept = results / f"{hashlib.sha256(repr(mutation.edit).encode()).hexdigest()[:16]}.json"
-        if kept.is_file():
-            found = Found(**json.loads(kept.read_text(encoding="utf-8")))
+        stored = results / f"{hashlib.sha256(repr(mutation.edit).encode()).hexdigest()[:16]}.json"
+        if stored.is_file():
+            result = Found(**json.loads(stored.read_text(encoding="utf-8")))
         else:
             if copy is None:
                 folder.mkdir()
                 copy = FirmwareCopy(folder)
-            found = run_mutation(copy, mutation, folder / f"run{number}")
-            kept.write_text(json.dumps(found.as_json(), indent=1), encoding="utf-8")
-        score.add(mutation, found)
+            result = run_mutation(copy, mutation, folder / f"run{number}")
+            stored.write_text(json.dumps(result.as_json(), indent=1), encoding="utf-8")
+        score.add(mutation, result)
 
 
 if __name__ == "__main__":

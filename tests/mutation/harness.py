@@ -41,10 +41,10 @@ def main() -> int:
         source = Path(folder) / "src"
         shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
         for number, (file, edit, tests) in enumerate(chosen, start=1):
-            found = is_found(source, file, edit, tests)
-            if not found:
+            result = is_found(source, file, edit, tests)
+            if not result:
                 survivors.append(f"{file}: {edit['old']!r} -> {edit['new']!r}")
-            word = "found   " if found else "SURVIVED"
+            word = "found   " if result else "SURVIVED"
             print(f"[{number:2}/{len(chosen)}] {word} {file}: {edit['new']!r}", flush=True)
     share = 1.0 - len(survivors) / max(len(chosen), 1)
     print(f"{len(chosen)} mistakes: {share:.1%} found by the quick tests (at least {FOUND_AT_LEAST:.0%})")

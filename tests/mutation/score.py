@@ -38,11 +38,11 @@ class Found:
     @property
     def first(self) -> str:
         """What stands first: the failures of the verdict with their likely cause, and the first test not green."""
-        said = re.sub(r"^[A-Z ]+[.:] ", "", self.sentence)
+        answer = re.sub(r"^[A-Z ]+[.:] ", "", self.sentence)
         # What got worse is said behind what was reached.
-        clauses = said.split(". ")
+        clauses = answer.split(". ")
         first = [clause for clause in clauses if clause is clauses[0] or clause.startswith("Likely cause")]
-        return f"{said if self.code == ExitCode.REGRESSION else '. '.join(first)} [{self.first_test}]"
+        return f"{answer if self.code == ExitCode.REGRESSION else '. '.join(first)} [{self.first_test}]"
 
 
 def run_mutation(copy: FirmwareCopy, mutation: Mutation, folder: Path) -> Found:
@@ -84,13 +84,13 @@ class Score:
     @property
     def red(self) -> float:
         """Share of the mistakes that were found."""
-        return sum(found.code != 0 for _, found in self._found) / max(len(self._found), 1)
+        return sum(result.code != 0 for _, result in self._found) / max(len(self._found), 1)
 
     @property
     def first(self) -> float:
         """Share of the found ones of which first was said what had been expected."""
-        red = [(mutation, found) for mutation, found in self._found if found.code != 0]
-        return sum(said_first(mutation, found) for mutation, found in red) / max(len(red), 1)
+        red = [(mutation, result) for mutation, result in self._found if result.code != 0]
+        return sum(said_first(mutation, result) for mutation, result in red) / max(len(red), 1)
 
     @property
     def is_good(self) -> bool:
@@ -99,7 +99,7 @@ class Score:
 
     def summary(self) -> str:
         """Return the score in a sentence, and the survivors."""
-        survivors = [f"{mutation.edit.file}: {mutation.name}" for mutation, found in self._found if found.code == 0]
+        survivors = [f"{mutation.edit.file}: {mutation.name}" for mutation, result in self._found if result.code == 0]
         head = (
             f"{len(self._found)} mistakes: {self.red:.1%} found (at least {RED_AT_LEAST:.0%}), "
             f"{self.first:.1%} of those by what was expected first (at least {FIRST_AT_LEAST:.0%})"

@@ -28,22 +28,24 @@ def copy(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str],
     return FirmwareCopy(tmp_path_factory.mktemp("mutated"))
 
 
-@pytest.mark.parametrize("mutation", TEN, ids=[each.name for each in TEN])
+@pytest.mark.parametrize("mutation", TEN, ids=[item.name for item in TEN])
 def test_a_mistake_in_the_firmware_is_found_and_named_first(
     mutation: Mutation, copy: FirmwareCopy, tmp_path: Path
 ) -> None:
-    found = run_mutation(copy, mutation, tmp_path / "run")
-    assert found.code != 0, found.sentence
-    assert said_first(mutation, found), found.first
+    result = run_mutation(copy, mutation, tmp_path / "run")
+    assert result.code != 0, result.sentence
+    assert said_first(mutation, result), result.first
 
 
 def test_every_mistake_is_a_place_of_its_own_in_the_sources() -> None:
     every = mutations()
     assert len(every) >= 80
     sources = Path(__file__).parents[2] / "firmware_stub"
-    counts = {each.name: (sources / each.edit.file).read_text(encoding="utf-8").count(each.edit.old) for each in every}
+    counts = {
+        entry.name: (sources / entry.edit.file).read_text(encoding="utf-8").count(entry.edit.old) for entry in every
+    }
     assert {name: count for name, count in counts.items() if count != 1} == {}
-    assert len({each.edit for each in every}) == len(every)
+    assert len({entry.edit for entry in every}) == len(every)
 
 
 def test_every_mistake_in_the_package_is_a_place_of_its_own() -> None:

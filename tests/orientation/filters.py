@@ -123,7 +123,7 @@ def floats(values: Vector) -> ctypes.Array[ctypes.c_float]:
 
 def noise_floats(noise: FusionNoise) -> ctypes.Array[ctypes.c_float]:
     """fusion_noise_t."""
-    squares = [math.radians(each) ** 2 for each in (noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg)]
+    squares = [math.radians(item) ** 2 for item in (noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg)]
     return floats([*squares, noise.gate_g])
 
 

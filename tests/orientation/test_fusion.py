@@ -56,57 +56,57 @@ def rounding_deg(filters: FilterMaker) -> float:
 
 def test_on_perfect_data_the_filter_stays_on_the_truth(either: FilterMaker):
     motion = swaying_motion(60.0)
-    found = either(NOISE)
+    result = either(NOISE)
     errors = []
     for rate, gravity, field, truth in zip(
         motion.rates_dps, motion.gravity_g, motion.field, motion.attitudes[1:], strict=True
     ):
-        assert found.predict(rate, motion.dt_s) is FusionStatus.OK
-        assert found.update(gravity, field) is FusionStatus.OK
-        errors.append(angle_between_deg(found.attitude, truth))
+        assert result.predict(rate, motion.dt_s) is FusionStatus.OK
+        assert result.update(gravity, field) is FusionStatus.OK
+        errors.append(angle_between_deg(result.attitude, truth))
     # In float32 a prediction loses some roundings, and the update, whose gain is 0.02 here, leaves fifty of them.
     assert max(errors) < (FLOAT64_DEG if either is Reference else math.degrees(50 * 3 * 1.2e-7))
 
 
 def test_the_gyroscope_alone_integrates_a_constant_rate_exactly(either: FilterMaker):
-    found = either(NOISE, from_pose(Pose(10.0, 20.0, 30.0)))
+    result = either(NOISE, from_pose(Pose(10.0, 20.0, 30.0)))
     for _ in range(1000):
-        found.predict((30.0, -40.0, 120.0), 0.005)
+        result.predict((30.0, -40.0, 120.0), 0.005)
     turned = product(from_pose(Pose(10.0, 20.0, 30.0)), from_rotation_vector(np.radians((30.0, -40.0, 120.0)) * 5.0))
     # A thousand roundings that add up like noise, or, at worst, all one way.
-    assert angle_between_deg(found.attitude, turned) < (1e-9 if either is Reference else math.degrees(1000 * 1.2e-7))
+    assert angle_between_deg(result.attitude, turned) < (1e-9 if either is Reference else math.degrees(1000 * 1.2e-7))
 
 
 @given(units, st.floats(0.0, 179.0))
 @settings(max_examples=50)
 def test_a_wrong_first_attitude_is_corrected(either: FilterMaker, truth: np.ndarray, wrong_deg: float):
     turn = from_rotation_vector(math.radians(wrong_deg) * np.array([0.6, 0.0, 0.8]))
-    found = either(NOISE, product(truth, turn))
-    before = angle_between_deg(found.attitude, truth)
+    result = either(NOISE, product(truth, turn))
+    before = angle_between_deg(result.attitude, truth)
     for _ in range(60):
-        found.update(*seen_from(truth))
+        result.update(*seen_from(truth))
     # The gains are 1/2, 1/3, ... 1/61: of a small error 1/61 is left; of 179 degrees, whose sine counts, a few.
-    assert angle_between_deg(found.attitude, truth) <= max(0.1 * before, rounding_deg(either))
+    assert angle_between_deg(result.attitude, truth) <= max(0.1 * before, rounding_deg(either))
 
 
 def test_a_first_measurement_counts_half_and_the_second_a_third(either: FilterMaker):
     """The first attitude is as good as a measured one, and so is each further one: their mean is left."""
-    found = either(NOISE, from_pose(Pose(0.0)))
-    assert found.sigmas_deg == pytest.approx([0.5, 0.5, 2.0], rel=1e-6)
+    result = either(NOISE, from_pose(Pose(0.0)))
+    assert result.sigmas_deg == pytest.approx([0.5, 0.5, 2.0], rel=1e-6)
     for number in range(1, 6):
-        found.update(*seen_from(from_pose(Pose(1.0))))
-        heading_deg = math.degrees(2.0 * math.atan2(found.attitude[2], found.attitude[3]))
+        result.update(*seen_from(from_pose(Pose(1.0))))
+        heading_deg = math.degrees(2.0 * math.atan2(result.attitude[2], result.attitude[3]))
         # Sine for angle: of the third order, 1 degree cubed.
         assert heading_deg == pytest.approx(1.0 - 1.0 / (1 + number), abs=1e-5)
-        assert found.sigmas_deg == pytest.approx(np.array([0.5, 0.5, 2.0]) / math.sqrt(1 + number), rel=1e-5)
+        assert result.sigmas_deg == pytest.approx(np.array([0.5, 0.5, 2.0]) / math.sqrt(1 + number), rel=1e-5)
 
 
 def test_the_variance_of_a_prediction_grows_as_that_of_a_random_walk(either: FilterMaker):
-    found = either(NOISE, from_pose(Pose(70.0, -20.0, 100.0)))
+    result = either(NOISE, from_pose(Pose(70.0, -20.0, 100.0)))
     for _ in range(200):
-        found.predict((50.0, 20.0, -90.0), 0.005)
+        result.predict((50.0, 20.0, -90.0), 0.005)
     # 0.1 deg/s per root hertz over 1 s are 0.1 degrees, about every axis.
-    assert found.sigmas_deg == pytest.approx(np.sqrt(np.array([0.5, 0.5, 2.0]) ** 2 + 0.1**2), rel=1e-5)
+    assert result.sigmas_deg == pytest.approx(np.sqrt(np.array([0.5, 0.5, 2.0]) ** 2 + 0.1**2), rel=1e-5)
 
 
 # --- the choices ------------------------------------------------------------------------------------------------------
@@ -115,59 +115,59 @@ def test_the_variance_of_a_prediction_grows_as_that_of_a_random_walk(either: Fil
 @given(units, units, st.lists(vectors, max_size=8))
 @settings(max_examples=100)
 def test_the_covariance_is_that_of_three_rotations_and_has_nothing_along_the_attitude(
-    first: np.ndarray, seen: np.ndarray, rates: list[np.ndarray]
+    first: np.ndarray, observed: np.ndarray, rates: list[np.ndarray]
 ):
     """What the firmware keeps, two numbers, is all that there is in the matrix."""
-    found = Reference(NOISE, first)
+    reference = Reference(NOISE, first)
     for rate in rates:
-        found.predict(100.0 * rate, 0.01)
-        found.update(*seen_from(seen))
-    tilt, _, heading = (np.radians(found.sigmas_deg) ** 2).tolist()
-    axes = left_columns(found.attitude)
+        reference.predict(100.0 * rate, 0.01)
+        reference.update(*seen_from(observed))
+    tilt, _, heading = (np.radians(reference.sigmas_deg) ** 2).tolist()
+    axes = left_columns(reference.attitude)
     expected = 0.25 * axes @ np.diag([tilt, tilt, heading]) @ axes.T
     # Float64 rounds variances of 3e-4 by 7e-20; each step is some fifty products, and up to 1.6e-17 was seen.
-    assert found.covariance == pytest.approx(expected, abs=1e-16)
-    assert found.covariance @ found.attitude == pytest.approx(np.zeros(4), abs=1e-16)
+    assert reference.covariance == pytest.approx(expected, abs=1e-16)
+    assert reference.covariance @ reference.attitude == pytest.approx(np.zeros(4), abs=1e-16)
 
 
 def test_the_product_order_is_that_of_body_rates(either: FilterMaker):
     """Lying on its right side, a turn about the body's z axis is a tilt, not a change of heading."""
-    found = either(NOISE, from_pose(Pose(0.0, 0.0, 90.0)))
+    result = either(NOISE, from_pose(Pose(0.0, 0.0, 90.0)))
     for _ in range(18):
-        found.predict((0.0, 0.0, 10.0), 0.1)
-    assert angle_between_deg(found.attitude, from_pose(Pose(0.0, -18.0, 90.0))) < 1e-3
+        result.predict((0.0, 0.0, 10.0), 0.1)
+    assert angle_between_deg(result.attitude, from_pose(Pose(0.0, -18.0, 90.0))) < 1e-3
 
 
 def test_either_sign_of_the_first_attitude_leads_to_the_same_one(either: FilterMaker):
     for sign in (1.0, -1.0):
-        found = either(NOISE, sign * from_pose(Pose(200.0, 10.0, 5.0)))
-        found.predict((0.0, 0.0, 5.0), 0.1)
-        found.update(*seen_from(from_pose(Pose(202.0, 10.0, 5.0))))
-        assert angle_between_deg(found.attitude, from_pose(Pose(201.25, 10.0, 5.0))) < 0.1
-        assert float(found.attitude @ from_pose(Pose(201.25, 10.0, 5.0))) * sign > 0.99
+        result = either(NOISE, sign * from_pose(Pose(200.0, 10.0, 5.0)))
+        result.predict((0.0, 0.0, 5.0), 0.1)
+        result.update(*seen_from(from_pose(Pose(202.0, 10.0, 5.0))))
+        assert angle_between_deg(result.attitude, from_pose(Pose(201.25, 10.0, 5.0))) < 0.1
+        assert float(result.attitude @ from_pose(Pose(201.25, 10.0, 5.0))) * sign > 0.99
 
 
 def test_a_turn_through_both_signs_of_the_measurement_makes_no_jump(either: FilterMaker):
     """TRIAD's quaternion changes its sign where its largest element does; the filter must not follow it."""
-    found = either(NOISE)
-    last = found.attitude
+    result = either(NOISE)
+    last = result.attitude
     for heading_deg in np.arange(0.0, 1080.0, 0.5):
-        found.predict((0.0, 0.0, 50.0), 0.01)
-        found.update(*seen_from(from_pose(Pose(float(heading_deg) + 0.5))))
-        assert np.linalg.norm(found.attitude - last) < 0.006  # half of half a degree, and rounding
-        last = found.attitude
+        result.predict((0.0, 0.0, 50.0), 0.01)
+        result.update(*seen_from(from_pose(Pose(float(heading_deg) + 0.5))))
+        assert np.linalg.norm(result.attitude - last) < 0.006  # half of half a degree, and rounding
+        last = result.attitude
 
 
 def test_an_acceleration_is_not_taken_for_gravity(either: FilterMaker):
-    found = either(NOISE)
+    result = either(NOISE)
     gravity, field = seen_from(from_pose(Pose(30.0, 5.0, -5.0)))
-    before = found.attitude
+    before = result.attitude
     for scale in (0.89, 1.11, 5.0):
-        assert found.update(scale * gravity, field) is FusionStatus.ACCELERATED
-    assert (found.attitude == before).all()
+        assert result.update(scale * gravity, field) is FusionStatus.ACCELERATED
+    assert (result.attitude == before).all()
     for scale in (0.91, 1.09):
-        assert found.update(scale * gravity, field) is FusionStatus.OK
-    assert (found.attitude != before).any()
+        assert result.update(scale * gravity, field) is FusionStatus.OK
+    assert (result.attitude != before).any()
 
 
 @pytest.mark.parametrize(
@@ -186,11 +186,11 @@ def test_an_acceleration_is_not_taken_for_gravity(either: FilterMaker):
     ids=["no gravity", "no field", "parallel", "antiparallel", "infinite", "not a number", "huge", "tiny", "0.03 deg"],
 )
 def test_what_shows_no_attitude_changes_nothing(either: FilterMaker, gravity, field):
-    found = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
-    before = found.attitude
-    assert found.update(gravity, field) is FusionStatus.NO_ATTITUDE
-    assert (found.attitude == before).all()
-    assert found.sigmas_deg == pytest.approx([0.5, 0.5, 2.0], rel=1e-6)
+    result = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
+    before = result.attitude
+    assert result.update(gravity, field) is FusionStatus.NO_ATTITUDE
+    assert (result.attitude == before).all()
+    assert result.sigmas_deg == pytest.approx([0.5, 0.5, 2.0], rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -207,18 +207,18 @@ def test_what_shows_no_attitude_changes_nothing(either: FilterMaker, gravity, fi
     ids=["backwards", "no rate", "infinite rate", "no time", "for ever", "more than half a turn", "infinite at once"],
 )
 def test_a_step_that_makes_no_sense_changes_nothing(either: FilterMaker, rate, dt_s: float):
-    found = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
-    before = found.attitude
-    assert found.predict(rate, dt_s) is FusionStatus.BAD_STEP
-    assert (found.attitude == before).all()
+    result = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
+    before = result.attitude
+    assert result.predict(rate, dt_s) is FusionStatus.BAD_STEP
+    assert (result.attitude == before).all()
 
 
 def test_a_step_of_no_time_or_no_rate_is_a_step(either: FilterMaker):
-    found = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
-    before = found.attitude
-    assert found.predict((100.0, 0.0, 0.0), 0.0) is FusionStatus.OK
-    assert found.predict((0.0, 0.0, 0.0), 0.01) is FusionStatus.OK
-    assert angle_between_deg(found.attitude, before) < rounding_deg(either)
+    result = either(NOISE, from_pose(Pose(100.0, 20.0, 30.0)))
+    before = result.attitude
+    assert result.predict((100.0, 0.0, 0.0), 0.0) is FusionStatus.OK
+    assert result.predict((0.0, 0.0, 0.0), 0.01) is FusionStatus.OK
+    assert angle_between_deg(result.attitude, before) < rounding_deg(either)
 
 
 # --- both forms are one filter ----------------------------------------------------------------------------------------
@@ -243,7 +243,7 @@ def test_the_firmware_does_what_the_matrices_do(firmware: FilterMaker, first: np
         else:
             gravity, field = (one, other) if kind == "raw" else seen_from(one)
             gravity = gravity * other if kind == "update" else gravity
-            gravity, field = (np.float32(each).astype(float) for each in (gravity, field))
+            gravity, field = (np.float32(item).astype(float) for item in (gravity, field))
             if undecided(reference.attitude, gravity, field):
                 return  # either sign, or either status, is right
             statuses = reference.update(gravity, field), c.update(gravity, field)
@@ -274,19 +274,19 @@ def undecided(attitude: np.ndarray, gravity: np.ndarray, field: np.ndarray) -> b
 @given(units, st.tuples(*[st.floats(-(2.0**100), 2.0**100, width=32)] * 7))
 @settings(max_examples=200)
 def test_whatever_comes_the_attitude_stays_one(firmware: FilterMaker, first: np.ndarray, values: tuple[float, ...]):
-    found = firmware(NOISE, first)
-    found.predict(values[:3], abs(values[6]) % 1.0)
-    found.update(values[:3], values[3:6])
-    assert np.linalg.norm(found.attitude) == pytest.approx(1.0, abs=1e-6)
-    assert np.isfinite(found.sigmas_deg).all()
+    result = firmware(NOISE, first)
+    result.predict(values[:3], abs(values[6]) % 1.0)
+    result.update(values[:3], values[3:6])
+    assert np.linalg.norm(result.attitude) == pytest.approx(1.0, abs=1e-6)
+    assert np.isfinite(result.sigmas_deg).all()
 
 
 @pytest.mark.parametrize("half_turn", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.6, 0, 0.8)])
 def test_half_a_turn_away_either_way_round_is_right(either: FilterMaker, half_turn):
     """The measurement is as far as it can be: the filter turns towards it, and by a quarter of a turn at most."""
-    found = either(NOISE)
-    found.update(*seen_from(from_rotation_vector(math.pi * np.array(half_turn))))
-    assert 50.0 < angle_between_deg(found.attitude, IDENTITY) <= 90.0  # 2 atan(1/2) = 53.1 with a gain of 1/2
+    result = either(NOISE)
+    result.update(*seen_from(from_rotation_vector(math.pi * np.array(half_turn))))
+    assert 50.0 < angle_between_deg(result.attitude, IDENTITY) <= 90.0  # 2 atan(1/2) = 53.1 with a gain of 1/2
 
 
 # --- what it is worth -------------------------------------------------------------------------------------------------
@@ -304,9 +304,9 @@ def test_measured_headings_scatter_as_the_filter_is_told(dip_deg: float):
     gravity = np.array([0.0, 0.0, 1.0]) + 0.01 * generator.normal(size=(4000, 3))
     field = np.array([math.cos(dip), 0.0, math.sin(dip)]) + 0.004 * generator.normal(size=(4000, 3))
     headings = [2.0 * math.atan2(*triad(g, m)[[2, 3]]) for g, m in zip(gravity, field, strict=True)]
-    told = heading_sigma_deg(field_sigma=0.004, tilt_deg=math.degrees(0.01), dip_deg=dip_deg)
+    answer = heading_sigma_deg(field_sigma=0.004, tilt_deg=math.degrees(0.01), dip_deg=dip_deg)
     # A standard deviation from 4000 is good to 1.1 %; four of that.
-    assert math.degrees(float(np.std(headings))) == pytest.approx(told, rel=0.045)
+    assert math.degrees(float(np.std(headings))) == pytest.approx(answer, rel=0.045)
 
 
 @pytest.mark.slow  # 6 000 steps of two filters
@@ -330,10 +330,10 @@ def test_sixty_seconds_of_noisy_sensors(either: FilterMaker):
     )
     errors = []
     for rate, g, m, truth in zip(rates, gravity, field, motion.attitudes[1:], strict=True):
-        for each in (loose, tight, alone):
-            each.predict(rate, motion.dt_s)
-        for each in (loose, tight):
-            each.update(g, m)
+        for item in (loose, tight, alone):
+            item.predict(rate, motion.dt_s)
+        for item in (loose, tight):
+            item.update(g, m)
         attitudes = (triad(g, m), loose.attitude, tight.attitude, alone.attitude)
         errors.append([angle_between_deg(attitude, truth) for attitude in attitudes])
     measured, loosely, tightly, gyroscope = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
@@ -353,11 +353,11 @@ def test_the_gyroscope_alone_drifts_and_the_filter_does_not():
     fused, alone = (Reference(FusionNoise(0.3, 0.6, 2.5, gate_g=0.5)) for _ in range(2))
     ends = []
     for index, (rate, truth) in enumerate(zip(motion.rates_dps, motion.attitudes[1:], strict=True)):
-        for each in (fused, alone):
-            each.predict(rate + left_of_bias, motion.dt_s)
+        for item in (fused, alone):
+            item.predict(rate + left_of_bias, motion.dt_s)
         noise = 0.01 * generator.normal(size=(2, 3))
         fused.update(motion.gravity_g[index] + noise[0], motion.field[index] + noise[1])
-        ends.append([angle_between_deg(each.attitude, truth) for each in (fused, alone)])
+        ends.append([angle_between_deg(item.attitude, truth) for item in (fused, alone)])
     minute = 1500
     first, last = np.mean(ends[:minute], axis=0), np.mean(ends[-minute:], axis=0)
     assert last[1] > 3.0 * first[1]  # grows with time
@@ -385,24 +385,24 @@ def test_a_wrong_rate_cannot_hide_behind_the_correction(broken):
     motion = swaying_motion(20.0)
     rms_deg = []
     for change in (lambda rate: rate, broken):
-        found = Reference(NOISE)
+        reference = Reference(NOISE)
         errors = []
         for rate, g, m, truth in zip(
             motion.rates_dps, motion.gravity_g, motion.field, motion.attitudes[1:], strict=True
         ):
-            found.predict(np.clip(change(rate), -2000.0, 2000.0), motion.dt_s)
-            found.update(g, m)
-            errors.append(angle_between_deg(found.attitude, truth))
+            reference.predict(np.clip(change(rate), -2000.0, 2000.0), motion.dt_s)
+            reference.update(g, m)
+            errors.append(angle_between_deg(reference.attitude, truth))
         rms_deg.append(math.sqrt(float(np.mean(np.square(errors)))))
     assert rms_deg[0] < FLOAT64_DEG
     assert rms_deg[1] > 5.0
 
 
 def test_the_firmware_keeps_nothing_of_a_refused_step(firmware: FilterMaker):
-    found = firmware(NOISE, from_pose(Pose(1.0, 2.0, 3.0)))
-    assert isinstance(found, Firmware)
-    before = found.raw
-    found.predict((math.nan, 0.0, 0.0), 0.01)
-    found.update((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    found.update((0.0, 0.0, 2.0), (1.0, 0.0, 0.0))
-    assert found.raw == before
+    result = firmware(NOISE, from_pose(Pose(1.0, 2.0, 3.0)))
+    assert isinstance(result, Firmware)
+    before = result.raw
+    result.predict((math.nan, 0.0, 0.0), 0.01)
+    result.update((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    result.update((0.0, 0.0, 2.0), (1.0, 0.0, 0.0))
+    assert result.raw == before

@@ -24,35 +24,35 @@ GOLDEN = json.loads((FOLDER / "sequence.json").read_text(encoding="utf-8"))
 
 
 def test_every_step_of_the_golden_sequence(either: FilterMaker):
-    found = either(FusionNoise(**GOLDEN["noise"]), triad(GOLDEN["start"]["gravity_g"], GOLDEN["start"]["field"]))
+    result = either(FusionNoise(**GOLDEN["noise"]), triad(GOLDEN["start"]["gravity_g"], GOLDEN["start"]["field"]))
     exact = either is Reference
     for count, step in enumerate(GOLDEN["steps"], start=1):
         if step["step"] == "predict":
-            status = found.predict(step["rate_dps"], step["dt_s"])
+            status = result.predict(step["rate_dps"], step["dt_s"])
         else:
-            status = found.update(step["gravity_g"], step["field"])
+            status = result.update(step["gravity_g"], step["field"])
         assert status is FusionStatus.OK
         expected = from_ned_axes(np.array(step["rotation_ned_from_body"]))
         # Roundings of 6e-8 in each of some ten operations a step, 2e-6 radians at most; of float64, 1e-16.
-        assert angle_between_deg(found.attitude, expected) < (1e-12 * count if exact else math.degrees(2e-6 * count))
-        assert found.sigmas_deg == pytest.approx(step["sigmas_deg"], rel=1e-12 if exact else 1e-5)
+        assert angle_between_deg(result.attitude, expected) < (1e-12 * count if exact else math.degrees(2e-6 * count))
+        assert result.sigmas_deg == pytest.approx(step["sigmas_deg"], rel=1e-12 if exact else 1e-5)
 
 
 def test_the_board_computes_it_bit_by_bit_as_this_machine_does(firmware: FilterMaker):
     noise, first = FusionNoise(**GOLDEN["noise"]), triad(GOLDEN["start"]["gravity_g"], GOLDEN["start"]["field"])
-    here, board = firmware(noise, first), OnBoard(VirtualK64F(default_firmware()), noise, first)
-    assert isinstance(here, Firmware)
+    place, board = firmware(noise, first), OnBoard(VirtualK64F(default_firmware()), noise, first)
+    assert isinstance(place, Firmware)
     for step in GOLDEN["steps"]:
-        for each in (here, board):
+        for item in (place, board):
             if step["step"] == "predict":
-                assert each.predict(step["rate_dps"], step["dt_s"]) is FusionStatus.OK
+                assert item.predict(step["rate_dps"], step["dt_s"]) is FusionStatus.OK
             else:
-                assert each.update(step["gravity_g"], step["field"]) is FusionStatus.OK
-        assert board.raw == here.raw
+                assert item.update(step["gravity_g"], step["field"]) is FusionStatus.OK
+        assert board.raw == place.raw
     assert board.update((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) is FusionStatus.NO_ATTITUDE
     assert board.predict((0.0, 0.0, 0.0), -1.0) is FusionStatus.BAD_STEP
     assert board.update((0.0, 0.0, 2.0), (1.0, 0.0, 0.0)) is FusionStatus.ACCELERATED
-    assert board.raw == here.raw
+    assert board.raw == place.raw
 
 
 def test_the_golden_sequence_is_what_its_generator_writes(tmp_path: Path):

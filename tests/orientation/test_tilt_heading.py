@@ -76,11 +76,11 @@ def _reference(gravity: np.ndarray, field: np.ndarray) -> Pose | None:
 def test_poses_derived_by_hand(
     compass: tuple[Compass, float], gravity: tuple[int, ...], field: tuple[int, ...], pose: Pose
 ) -> None:
-    found = compass[0](np.array(gravity, dtype=float), np.array(field, dtype=float))
-    assert found is not None
-    assert abs(heading_error_deg(found.heading_deg, pose.heading_deg)) <= compass[1]
-    assert found.pitch_deg == pytest.approx(pose.pitch_deg, abs=compass[1])
-    assert abs(heading_error_deg(found.roll_deg, pose.roll_deg)) <= compass[1]
+    result = compass[0](np.array(gravity, dtype=float), np.array(field, dtype=float))
+    assert result is not None
+    assert abs(heading_error_deg(result.heading_deg, pose.heading_deg)) <= compass[1]
+    assert result.pitch_deg == pytest.approx(pose.pitch_deg, abs=compass[1])
+    assert abs(heading_error_deg(result.roll_deg, pose.roll_deg)) <= compass[1]
 
 
 @given(
@@ -94,23 +94,23 @@ def test_any_attitude_comes_back(
     compass: tuple[Compass, float], heading: float, pitch: float, roll: float, gravity_scale: float, field_scale: float
 ) -> None:
     turn = rotation_body_from_ned(Pose(heading, pitch, roll))
-    found = compass[0](gravity_scale * turn @ DOWN_NED, field_scale * turn @ FIELD_NED)
-    assert found is not None
-    assert 0.0 <= found.heading_deg < 360.0
+    result = compass[0](gravity_scale * turn @ DOWN_NED, field_scale * turn @ FIELD_NED)
+    assert result is not None
+    assert 0.0 <= result.heading_deg < 360.0
     # Roll's rounding grows as 1/cos(pitch), and heading takes tan(pitch) and tan(dip) of it over.
     limit = compass[1] / math.cos(math.radians(pitch)) * (1.0 + math.tan(math.radians(DIP_DEG)))
-    assert abs(heading_error_deg(found.heading_deg, heading)) <= limit
-    assert abs(found.pitch_deg - pitch) <= limit
-    assert abs(heading_error_deg(found.roll_deg, roll)) <= limit
+    assert abs(heading_error_deg(result.heading_deg, heading)) <= limit
+    assert abs(result.pitch_deg - pitch) <= limit
+    assert abs(heading_error_deg(result.roll_deg, roll)) <= limit
 
 
 @pytest.mark.parametrize("tilt", [Pose(0, 20, 0), Pose(0, -20, 0), Pose(0, 0, 20), Pose(0, 0, -20)])
 def test_tilt_does_not_move_heading(compass: tuple[Compass, float], tilt: Pose) -> None:
     for heading in range(0, 360, 30):
         turn = rotation_body_from_ned(Pose(heading, tilt.pitch_deg, tilt.roll_deg))
-        found = compass[0](turn @ DOWN_NED, turn @ FIELD_NED)
-        assert found is not None
-        assert abs(heading_error_deg(found.heading_deg, heading)) <= 3 * compass[1]
+        result = compass[0](turn @ DOWN_NED, turn @ FIELD_NED)
+        assert result is not None
+        assert abs(heading_error_deg(result.heading_deg, heading)) <= 3 * compass[1]
 
 
 @pytest.mark.parametrize(
@@ -133,9 +133,9 @@ def test_no_heading_is_a_status_not_a_number(
 
 @given(st.tuples(*[st.floats(-(2.0**100), 2.0**100, width=32)] * 6))
 def test_any_vectors_give_finite_angles_or_none(compass: tuple[Compass, float], values: tuple[float, ...]) -> None:
-    found = compass[0](np.array(values[:3]), np.array(values[3:]))
-    assume(found is not None)
-    assert found is not None
-    assert 0.0 <= found.heading_deg < 360.0
-    assert -90.0 - FIRMWARE_DEG <= found.pitch_deg <= 90.0 + FIRMWARE_DEG
-    assert -180.0 - FIRMWARE_DEG <= found.roll_deg <= 180.0 + FIRMWARE_DEG
+    result = compass[0](np.array(values[:3]), np.array(values[3:]))
+    assume(result is not None)
+    assert result is not None
+    assert 0.0 <= result.heading_deg < 360.0
+    assert -90.0 - FIRMWARE_DEG <= result.pitch_deg <= 90.0 + FIRMWARE_DEG
+    assert -180.0 - FIRMWARE_DEG <= result.roll_deg <= 180.0 + FIRMWARE_DEG

@@ -102,10 +102,10 @@ def test_it_says_what_changed_and_whether_it_may_be_merged(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, current: str, code: int, sentence: str
 ) -> None:
     monkeypatch.setenv("LAMP_CURRENT", current)
-    ended, said = judged(pytester)
+    ended, answer = judged(pytester)
     assert ended == code
-    assert fnmatchcase(said, sentence), said
-    changes = {each["name"]: each["change"] for each in record(pytester)["comparison"]["differences"]}
+    assert fnmatchcase(answer, sentence), answer
+    changes = {difference["name"]: difference["change"] for difference in record(pytester)["comparison"]["differences"]}
     assert changes.keys() == {"lamp.current", "lamp.life", "firmware.flash", "firmware.ram"}
     assert changes["lamp.life"] == "unchanged"
 
@@ -345,7 +345,7 @@ def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pyt
 @pytest.mark.parametrize(
     ("look", "by"),
     [
-        *((each, "option") for each in ("--collect-only", "--fixtures", "--fixtures-per-test", "--markers", "--help")),
+        *((text, "option") for text in ("--collect-only", "--fixtures", "--fixtures-per-test", "--markers", "--help")),
         ("--collect-only", "PYTEST_ADDOPTS"),
     ],
 )
@@ -374,8 +374,8 @@ def test_stopping_at_the_first_failure_is_no_pass_and_no_comparison(
     code, sentence = judged(pytester, option)
     assert code == 1
     assert sentence.startswith("FAIL. Failed: test_lamp.py::test_first (")
-    said = "Not to be merged (against base/run.json): not compared: this run: the run is incomplete (fail)"
-    assert said in sentence
+    answer = "Not to be merged (against base/run.json): not compared: this run: the run is incomplete (fail)"
+    assert answer in sentence
     assert " not taken;" in sentence
     assert not record(pytester)["verdict"]["complete"]
 
@@ -394,7 +394,7 @@ def test_two_workers_are_judged_as_one_process_is(pytester: pytest.Pytester, mon
     pytest.importorskip("xdist")
     monkeypatch.setenv("LAMP_CURRENT", "3")
     assert pytester.runpytest_inprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
-    assert [each["outcome"] for each in record(pytester)["tests"]] == ["passed"] * 3
+    assert [test["outcome"] for test in record(pytester)["tests"]] == ["passed"] * 3
 
 
 @pytest.mark.usefixtures("base")
@@ -434,8 +434,8 @@ def test_ctrl_c_is_interrupted_and_not_compared(pytester: pytest.Pytester) -> No
 def test_without_its_base_no_test_runs_and_the_record_says_why(pytester: pytest.Pytester) -> None:
     result = pytester.runpytest_inprocess("--hil-baseline=no-such.json")
     assert result.ret == 22
-    said = " ".join(" ".join(result.outlines).split())
-    assert "(against no-such.json): no-such.json: No such file or directory;" in said
+    answer = " ".join(" ".join(result.outlines).split())
+    assert "(against no-such.json): no-such.json: No such file or directory;" in answer
     assert record(pytester)["tests"] == []
     assert not record(pytester)["verdict"]["complete"]
 
@@ -473,7 +473,7 @@ def no_board(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.usefixtures("no_board")
 @pytest.mark.parametrize("saved", [False, True], ids=["a run", "a baseline"])
 @pytest.mark.parametrize(
-    ("given", "code", "words"),
+    ("arguments", "code", "words"),
     [
         ({}, 0, "PASS. May be merged (against {base}): 2 unchanged."),
         ({"TABLE_BYTES": "140"}, 0, "1 changed"),
@@ -486,14 +486,14 @@ def no_board(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_run_that_needs_no_board_is_judged_as_any_other(
     pytester: pytest.Pytester,
     monkeypatch: pytest.MonkeyPatch,
-    given: dict[str, str],
+    arguments: dict[str, str],
     code: int,
     words: str,
     saved: bool,
 ) -> None:
     if saved:
         assert hiltest("baseline", "save", "base", "base.json").returncode == 0
-    for name, value in given.items():
+    for name, value in arguments.items():
         monkeypatch.setenv(name, value)
     base = "base.json" if saved else "base/run.json"
     ended, sentence = judged(pytester, base=base)

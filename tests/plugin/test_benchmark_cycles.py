@@ -62,17 +62,17 @@ def compare(pytester: pytest.Pytester, *arguments: str) -> str:
 
 def tables(output: str) -> dict[str, list[str]]:
     """Return the lines of each table by its title."""
-    found: dict[str, list[str]] = {}
+    results: dict[str, list[str]] = {}
     title = None
     for line in output.splitlines():
         if " benchmark" in line and " tests" in line:
             title = line.strip("- ")
-            found[title] = []
+            results[title] = []
         elif title is not None and line.strip("-"):
-            found[title].append(" ".join(line.split()))
+            results[title].append(" ".join(line.split()))
         elif not line:
             title = None
-    return found
+    return results
 
 
 def test_cycles_have_a_table_of_their_own_and_host_times_stay_in_seconds(pytester: pytest.Pytester) -> None:
@@ -151,8 +151,8 @@ def test_a_calibrator_s_cycles_are_shown_with_its_accuracy_there_and_when_they_a
     )
     title = f"benchmark 'fast, cycles of {MODEL}; at most 0.015 deg from float64 of the same points': 2 tests"
     content = saved(pytester, text, "saved")
-    assert [each["extra_info"]["from_float64_deg"] for each in content["benchmarks"]] == [0.004, 0.0155]
-    assert {each["group"] for each in content["benchmarks"]} == {f"fast, cycles of {MODEL}"}
+    assert [benchmark["extra_info"]["from_float64_deg"] for benchmark in content["benchmarks"]] == [0.004, 0.0155]
+    assert {benchmark["group"] for benchmark in content["benchmarks"]} == {f"fast, cycles of {MODEL}"}
     assert list(tables(compare(pytester, "saved.json"))) == [title]
     # With hooks from a conftest.py and from the plugin both, it is said once.
     assert title in tables(pytester.runpytest_inprocess().stdout.str())
@@ -175,14 +175,14 @@ def test_nine_times_the_cycles_are_shown_as_nine_times(pytester: pytest.Pytester
 def test_two_models_are_never_ranked_together(pytester: pytest.Pytester, group_by: str) -> None:
     for name, model in (("old", "silicon-dwt"), ("new", MODEL)):
         saved(pytester, BOTH.replace(MODEL, model), name)
-    found = tables(compare(pytester, "old.json", "new.json", f"--group-by={group_by}", "--columns=min"))
-    of_cycles = {title: rows for title, rows in found.items() if "cycles of" in title}
+    result = tables(compare(pytester, "old.json", "new.json", f"--group-by={group_by}", "--columns=min"))
+    of_cycles = {title: rows for title, rows in result.items() if "cycles of" in title}
     assert len(of_cycles) == 2
     for title, (header, row) in of_cycles.items():
         model, name = ("silicon-dwt", "old") if "silicon-dwt" in title else (MODEL, "new")
         assert f"cycles of {model}': 1 tests" in title
         assert (header, row) == ("Name (time in cycles) Min", f"test_fit ({name}) 12,345.0000")
-    assert all("test_host" in row for title in found.keys() - of_cycles.keys() for row in found[title][1:])
+    assert all("test_host" in row for title in result.keys() - of_cycles.keys() for row in result[title][1:])
 
 
 def test_a_saved_run_of_another_model_keeps_its_own_table(pytester: pytest.Pytester) -> None:
@@ -257,14 +257,14 @@ def test_exit_code_and_verdict_are_the_same_without_pytest_benchmark(
 ) -> None:
     pytester.makepyfile(blocks=BLOCKED, test_it=text)
     pytester.syspathinsert()
-    seen = {}
+    observations = {}
     for options in ((), ("-p", "no:benchmark"), ("-p", "blocks"), ("--benchmark-disable",), ("--benchmark-only",)):
         result = pytester.runpytest_inprocess("-W", "error", *options)
         record = pytester.path / "hil-out" / "run.json"
         verdict = json.loads(record.read_text(encoding="utf-8"))["verdict"] if record.exists() else None
-        seen[options] = (result.ret, result.parseoutcomes(), verdict)
-    assert len({json.dumps(each) for each in seen.values()}) == 1, seen
-    assert seen[()][0] == exit_code
+        observations[options] = (result.ret, result.parseoutcomes(), verdict)
+    assert len({json.dumps(item) for item in observations.values()}) == 1, observations
+    assert observations[()][0] == exit_code
 
 
 def test_workers_show_nothing_and_pass_all_the_same(pytester: pytest.Pytester) -> None:
@@ -347,11 +347,11 @@ def test_benchmarks_alone_leave_the_last_verdict_where_it_is(
     run = pytester.runpytest_inprocess
     assert run().ret == 0
     out = pytester.path / "hil-out"
-    verdict = {each.name: each.read_bytes() for each in out.iterdir()}
+    verdict = {path.name: path.read_bytes() for path in out.iterdir()}
     pytester.makepyfile(test_it=fit(100).replace("benchmark_cycles)", "benchmark_cycles, board)"))
     assert run(*workers).ret == 0
-    assert {each.name: each.read_bytes() for each in out.iterdir() if each.is_file()} == verdict
-    assert [each.name for each in out.iterdir() if each.is_dir()] == ["benchmarks"]
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == verdict
+    assert [path.name for path in out.iterdir() if path.is_dir()] == ["benchmarks"]
     assert (out / "benchmarks" / "run.json").exists()
     pytester.makepyfile(test_it=fit(100).replace("benchmark_cycles)", "benchmark_cycles, board, measure)"))
     named = run("--hil-rig=virtual-k64f", *workers)

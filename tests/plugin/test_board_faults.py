@@ -19,7 +19,7 @@ def run(pytester: pytest.Pytester, faults: str, tests: str, *options: str) -> tu
     pytester.makepyfile(tests)
     done = pytester.runpytest_inprocess("--hil-rig=rig.toml", "--hil-out=out", *options)
     record = json.loads((pytester.path / "out" / "run.json").read_text(encoding="utf-8"))
-    return int(done.ret), {each["id"].rpartition("::")[2]: each for each in record["tests"]}
+    return int(done.ret), {test["id"].rpartition("::")[2]: test for test in record["tests"]}
 
 
 def test_a_fixture_that_fails_on_a_board_that_was_reset_is_not_what_failed(pytester: pytest.Pytester) -> None:
@@ -63,7 +63,7 @@ def test_what_was_measured_of_a_board_that_was_reset_is_not_recorded_and_what_wa
     """,
     )
     record = json.loads((pytester.path / "out" / "run.json").read_text(encoding="utf-8"))
-    measured = {each["name"] for each in record["measurements"]}
+    measured = {measurement["name"] for measurement in record["measurements"]}
     assert code == 20
     assert tests["test_one"]["outcome"] == "connection lost"
     assert "own.before" in measured

@@ -39,7 +39,11 @@ def record_of(pytester: pytest.Pytester) -> dict[str, Any]:
 
 
 def outcomes_of(pytester: pytest.Pytester) -> dict[str, str]:
-    return {each["name"]: each["outcome"] for each in record_of(pytester)["measurements"] if "lamp" in each["name"]}
+    return {
+        measurement["name"]: measurement["outcome"]
+        for measurement in record_of(pytester)["measurements"]
+        if "lamp" in measurement["name"]
+    }
 
 
 def replace_in(pytester: pytest.Pytester, file: str, old: str, new: str) -> None:

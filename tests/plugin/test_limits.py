@@ -28,7 +28,7 @@ def record_of(pytester: pytest.Pytester, folder: str = "hil-out") -> dict[str, A
 
 
 def outcomes_of(pytester: pytest.Pytester) -> dict[str, str]:
-    return {each["name"]: each["outcome"] for each in record_of(pytester)["measurements"]}
+    return {measurement["name"]: measurement["outcome"] for measurement in record_of(pytester)["measurements"]}
 
 
 BOTH = (
@@ -280,6 +280,8 @@ def test_angles_that_a_hand_sets_are_held_against_limits_with_their_uncertainty(
     assert "Cannot tell at this uncertainty: heading.direct.max_centred 1.60 deg (limit 2 with U 0.5)." in shown
     page = (pytester.path / "hil-out" / "report.md").read_text(encoding="utf-8")
     assert "at most 2, U 0.5" in page
-    uncertainties = {each["name"]: each["uncertainty"] for each in record_of(pytester)["measurements"]}
+    uncertainties = {
+        measurement["name"]: measurement["uncertainty"] for measurement in record_of(pytester)["measurements"]
+    }
     assert uncertainties["heading.direct.max"] == pytest.approx(math.sqrt(0.5))
     assert uncertainties["heading.direct.float32_error"] is None

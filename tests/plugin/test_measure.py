@@ -21,7 +21,7 @@ def run_of(pytester: pytest.Pytester) -> dict[str, Any]:
 
 
 def measurements_of(pytester: pytest.Pytester) -> dict[str, dict[str, Any]]:
-    return {each["name"]: each for each in run_of(pytester)["measurements"]}
+    return {measurement["name"]: measurement for measurement in run_of(pytester)["measurements"]}
 
 
 def test_a_value_out_of_limit_fails_the_test_after_everything_was_measured(pytester: pytest.Pytester) -> None:
@@ -71,7 +71,7 @@ def test_word():
     assert result.stdout.str().count("3.125") == 1
     assert "lamp.current = 3.125 mA, limit at most 2: fail" in (pytester.path / "junit.xml").read_text()
     assert measurements_of(pytester)["lamp.current"]["place"].startswith("lamps/test_lamp.py:")
-    assert {each["reason"] for each in run_of(pytester)["tests"]} == {"out of limit: lamp.current", "assert 1 == 2"}
+    assert {test["reason"] for test in run_of(pytester)["tests"]} == {"out of limit: lamp.current", "assert 1 == 2"}
     page = (pytester.path / "hil-out" / "report.md").read_text()
     assert page.count("3.125") == 3, "the verdict, the list of failures, and that of every measurement"
 
@@ -190,7 +190,7 @@ def test_it(measure):
     result = pytester.runpytest_inprocess("--junit-xml=junit.xml", "-W", "error")
     result.assert_outcomes(passed=1)
     properties = {
-        each.attrib["name"]: each.attrib["value"] for each in ET.parse(pytester.path / "junit.xml").iter("property")
+        item.attrib["name"]: item.attrib["value"] for item in ET.parse(pytester.path / "junit.xml").iter("property")
     }
     assert properties == {
         "hil.heading.direct.max": "0.3",
@@ -258,7 +258,7 @@ def test_an_interrupted_run_keeps_its_code_and_what_was_measured(pytester: pytes
     run = run_of(pytester)
     assert run["verdict"]["outcome"] == "interrupted"
     assert not run["verdict"]["complete"]
-    assert [each["name"] for each in run["measurements"]] == ["first"]
+    assert [measurement["name"] for measurement in run["measurements"]] == ["first"]
 
 
 def test_nothing_is_written_where_hiltest_is_not_used(pytester: pytest.Pytester) -> None:

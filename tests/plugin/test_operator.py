@@ -53,10 +53,10 @@ def command(port: str) -> list[str]:
     ]
 
 
-def read_until(end: int, wanted: str) -> str:
+def read_until(end: int, expected: str) -> str:
     """Return what a terminal showed until it showed `wanted` or was closed."""
     shown, deadline_s = "", time.monotonic() + DEADLINE_S
-    while wanted not in shown and time.monotonic() < deadline_s:
+    while expected not in shown and time.monotonic() < deadline_s:
         if select.select([end], [], [], 0.2)[0]:
             try:
                 data = os.read(end, 4096)

@@ -92,9 +92,9 @@ def test_by_hand(measure, question):
 """)
     result = pytester.runpytest_inprocess()
     assert result.ret == 20
-    said = " ".join(" ".join(result.outlines).split())
-    assert [said.count(f"at the terminal: {asked}. Run the") for asked in ("lie still", "turn it")] == [1, 1]
-    assert "test_by_hand[turn it: 0] and 1 more: no operator answered" in said
+    answer = " ".join(" ".join(result.outlines).split())
+    assert [answer.count(f"at the terminal: {asked}. Run the") for asked in ("lie still", "turn it")] == [1, 1]
+    assert "test_by_hand[turn it: 0] and 1 more: no operator answered" in answer
 
 
 def test_stopping_at_the_first_failure_keeps_the_code_of_a_lost_bench(pytester: pytest.Pytester) -> None:

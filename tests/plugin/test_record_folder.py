@@ -19,7 +19,7 @@ def test_heat(measure):
 
 def measured_in(folder: Path) -> set[str]:
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    return {each["name"] for each in record["measurements"]}
+    return {measurement["name"] for measurement in record["measurements"]}
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,7 @@ def test_a_replay_gives_the_same_record_but_for_what_is_volatile(
 
 
 @pytest.mark.parametrize(
-    ("edit", "said"),
+    ("edit", "message"),
     [
         (lambda lines: with_another_byte(lines, "<"), ["test_turned asks position()", "sent LINK_STATISTICS"]),
         (lambda lines: with_another_byte(lines, ">"), ["test_turned sends AVERAGE", "sent "]),
@@ -112,16 +112,16 @@ def test_a_replay_gives_the_same_record_but_for_what_is_volatile(
     ids=["another byte of an answer", "another byte of a request", "no end"],
 )
 def test_a_recording_that_was_changed_is_a_divergence_at_its_line(
-    replay: Callable[..., tuple[int, dict[str, Any], str]], edit: Edit, said: list[str]
+    replay: Callable[..., tuple[int, dict[str, Any], str]], edit: Edit, message: list[str]
 ) -> None:
     code, record, output = replay(edit=edit)
     assert code == 20
-    test = next(each for each in record["tests"] if each["id"].endswith("test_turned"))
+    test = next(test for test in record["tests"] if test["id"].endswith("test_turned"))
     assert test["outcome"] == "connection lost"
     assert "this run differs from the recorded one" in test["reason"]
     assert "and run.jsonl:" in test["reason"]
-    for each in said:
-        assert each in test["reason"], output
+    for item in message:
+        assert item in test["reason"], output
 
 
 def test_another_question_says_what_was_asked_and_what_had_been(
@@ -164,7 +164,7 @@ def test_a_rig_of_other_conditions_is_refused_and_one_of_other_limits_is_not(
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["--hil-firmware=app.elf"], "--hil-firmware does not go with --hil-replay"),
         (["--hil-seed=2"], "--hil-seed does not go with --hil-replay"),
@@ -173,13 +173,13 @@ def test_a_rig_of_other_conditions_is_refused_and_one_of_other_limits_is_not(
     ],
 )
 def test_what_a_replay_cannot_have_is_refused(
-    replay: Callable[..., tuple[int, dict[str, Any], str]], options: list[str], said: str
+    replay: Callable[..., tuple[int, dict[str, Any], str]], options: list[str], message: str
 ) -> None:
     if "-n1" in options:
         pytest.importorskip("xdist")
     code, _, output = replay(*options)
     assert code == pytest.ExitCode.USAGE_ERROR
-    assert said in output
+    assert message in output
 
 
 def test_a_wire_trace_is_no_recording(replay: Callable[..., tuple[int, dict[str, Any], str]]) -> None:

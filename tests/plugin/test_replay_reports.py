@@ -68,20 +68,20 @@ def run(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> Run:
     return run
 
 
-@pytest.mark.parametrize("said", RIGS)
-def test_a_replay_gives_the_same_record_without_the_firmware(said: str, run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("message", RIGS)
+def test_a_replay_gives_the_same_record_without_the_firmware(message: str, run: Run, tmp_path: Path) -> None:
     rig = tmp_path / "compass.toml"
-    rig.write_text(RIGS[said], encoding="utf-8")
+    rig.write_text(RIGS[message], encoding="utf-8")
     code, first, output = run(f"--hil-rig={rig}", "--hil-record=run.jsonl")
-    assert code == (20 if said == "no byte" else 0), output
+    assert code == (20 if message == "no byte" else 0), output
     again_code, again, output = run("--hil-replay=run.jsonl")
     assert again_code == code, output
-    if said != "no byte":
+    if message != "no byte":
         assert "replay of virtual FRDM-K64F, seed 1; compass-" in output
         assert again["board"]["kind"] == "replay"
-        values = {each["name"]: each["value"] for each in again["measurements"]}
+        values = {measurement["name"]: measurement["value"] for measurement in again["measurements"]}
         assert values["compass.said"] >= 10
-        low, high = READ[said]
+        low, high = READ[message]
         assert low <= values["compass.read"] <= high
         assert values["compass.calls"] > 10
     volatile = sorted({*first.pop("volatile"), *again.pop("volatile")})
@@ -136,8 +136,12 @@ def test_a_heading_at_an_angle_that_a_hand_set_is_held_against_its_limit_with_u(
     """U is 0.71 degrees, of the table's 0.5 and the mounting's; the limit is so far beyond what was measured."""
     monkeypatch.delenv("HIL_RIG")
     recordings = Path(__file__).parents[2] / "fixtures" / "recordings"
-    kept = json.loads(gzip.decompress((recordings / "text-by-hand.run.json.gz").read_bytes()))
-    (value,) = (each["value"] for each in kept["measurements"] if each["name"] == "heading.uncalibrated.max")
+    content = json.loads(gzip.decompress((recordings / "text-by-hand.run.json.gz").read_bytes()))
+    (value,) = (
+        measurement["value"]
+        for measurement in content["measurements"]
+        if measurement["name"] == "heading.uncalibrated.max"
+    )
     limit = f'"heading.uncalibrated.max" = {{ max = {value + beyond_deg:.3f}, unit = "deg" }}'
     text = (recordings / "text-by-hand.toml").read_text(encoding="utf-8").partition("[limits]")[0]
     (pytester.path / "other.toml").write_text(f"{text}[limits]\n{limit}\n", encoding="utf-8")
@@ -153,6 +157,8 @@ def test_a_heading_at_an_angle_that_a_hand_set_is_held_against_its_limit_with_u(
         plugins=[RunCommand()],
     )
     record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    (found,) = (each for each in record["measurements"] if each["name"] == "heading.uncalibrated.max")
-    assert (found["value"], found["outcome"], done.ret) == (value, outcome, code)
-    assert found["uncertainty"] == pytest.approx(0.5 * math.sqrt(2.0))
+    (result,) = (
+        measurement for measurement in record["measurements"] if measurement["name"] == "heading.uncalibrated.max"
+    )
+    assert (result["value"], result["outcome"], done.ret) == (value, outcome, code)
+    assert result["uncertainty"] == pytest.approx(0.5 * math.sqrt(2.0))

@@ -27,11 +27,14 @@ def run(pytester: pytest.Pytester, suite: str) -> tuple[int, dict[str, Any]]:
 
 
 def outcomes(record: dict[str, Any]) -> list[str]:
-    return [each["outcome"] for each in record["tests"]]
+    return [test["outcome"] for test in record["tests"]]
 
 
 def values(record: dict[str, Any]) -> dict[str, tuple[float, str, str]]:
-    return {each["name"]: (each["value"], each["outcome"], each["note"]) for each in record["measurements"]}
+    return {
+        measurement["name"]: (measurement["value"], measurement["outcome"], measurement["note"])
+        for measurement in record["measurements"]
+    }
 
 
 def test_what_was_out_of_its_limit_once_stays_so(pytester: pytest.Pytester) -> None:
@@ -47,12 +50,12 @@ def test_it(measure):
     )
     assert code == 1
     assert outcomes(record) == ["rerun", "rerun", "passed"]
-    assert [each["reason"] for each in record["tests"]] == ["assert 1 > 2", "assert 2 > 2", ""]
+    assert [test["reason"] for test in record["tests"]] == ["assert 1 > 2", "assert 2 > 2", ""]
     assert values(record) == {
-        "lamp.current": (5.0, "fail", "worst of several attempts"),
+        "lamp.current": (5.0, "fail", "worst of 3 attempts, 1 to 5"),
         "lamp.voltage": (12.0, "information", ""),
     }
-    assert [each["value"] for each in record["other_attempts"]] == [2.0, 1.0]
+    assert [attempt["value"] for attempt in record["other_attempts"]] == [2.0, 1.0]
     assert record["verdict"]["sentence"] == "FAIL. lamp.current 5 mA (limit 3)."
 
 
@@ -71,7 +74,7 @@ def test_it(lamp):
 """,
     )
     assert code == 1
-    assert values(record)["lamp.life"] == (2.0, "fail", "worst of several attempts")
+    assert values(record)["lamp.life"] == (2.0, "fail", "worst of 2 attempts, 2 to 20")
 
 
 def test_a_test_that_passes_at_last_within_its_limits_passes(pytester: pytest.Pytester) -> None:

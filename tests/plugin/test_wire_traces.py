@@ -28,7 +28,7 @@ from hiltest.measurement import Limit
 
 def results_of(pytester: pytest.Pytester) -> dict[str, dict[str, Any]]:
     record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    return {each["id"].split("::")[-1]: each for each in record["tests"]}
+    return {test["id"].split("::")[-1]: test for test in record["tests"]}
 
 
 def trace_of(pytester: pytest.Pytester, test: str) -> tuple[Path, list[str]]:
@@ -62,7 +62,7 @@ def test_off_the_line(board):
         r"# virtual FRDM-K64F, seed \d+; virtual time of the board \[s\], > to the board, < to the host", lines[1]
     )
     frames = [line.split(maxsplit=3) for line in lines[2:]]
-    assert [(direction, what) for _, direction, _, what in frames] == [
+    assert [(direction, case) for _, direction, _, case in frames] == [
         (">", "GET_CALIBRATION slot=7"),
         ("<", "GET_CALIBRATION NO_CALIBRATION"),
     ]
@@ -80,8 +80,8 @@ def test_off_the_line(board):
     _, selected = trace_of(pytester, "test_slow")
     assert [line.split()[3] for line in selected[2:]] == ["SELECT", "SELECT"]
     assert (results_of(pytester)["test_good"]["trace"], results_of(pytester)["test_off_the_line"]["trace"]) == ("", "")
-    kept = {each.stem for each in path.parent.iterdir()}
-    assert kept == {file_name("test_line.py::test_bad"), file_name("test_line.py::test_slow")}
+    stems = {item.stem for item in path.parent.iterdir()}
+    assert stems == {file_name("test_line.py::test_bad"), file_name("test_line.py::test_slow")}
 
 
 def test_a_session_fixture_that_fails_gives_its_part_to_every_test_it_fails(pytester: pytest.Pytester) -> None:

@@ -57,11 +57,13 @@ def test_two_workers_write_the_record_that_one_process_does(
     assert result.ret == 0
     result.stdout.fnmatch_lines(["PASS."])
     shared = record_of(pytester)
-    for each in (alone, shared):
-        each["tests"].sort(key=lambda test: str(test["id"]))
+    for item in (alone, shared):
+        item["tests"].sort(key=lambda test: str(test["id"]))
     assert without_volatile(shared) == without_volatile(alone)
     assert shared["board"]["firmware"] == "hiltest-frdm-k64f"
-    assert {"board.slots", "board.virtual_seconds", "lamp.noise"} <= {each["name"] for each in shared["measurements"]}
+    assert {"board.slots", "board.virtual_seconds", "lamp.noise"} <= {
+        measurement["name"] for measurement in shared["measurements"]
+    }
 
 
 def test_tests_of_one_board_in_several_workers_are_refused(pytester: pytest.Pytester) -> None:
@@ -121,8 +123,8 @@ def test_a_lost_bench_keeps_its_exit_code(pytester: pytest.Pytester) -> None:
     """)
     assert pytester.runpytest_inprocess(*GROUPED).ret == 20
     record = record_of(pytester)
-    assert {each["outcome"] for each in record["tests"]} == {"passed", "connection lost"}
-    assert [each["name"] for each in record["measurements"]] == ["lamp.current"]
+    assert {test["outcome"] for test in record["tests"]} == {"passed", "connection lost"}
+    assert [measurement["name"] for measurement in record["measurements"]] == ["lamp.current"]
 
 
 @pytest.mark.parametrize("options", [ALONE, GROUPED], ids=" ".join)
@@ -138,11 +140,11 @@ def test_a_worker_that_dies_is_a_failed_test_in_the_record(pytester: pytest.Pyte
     """)
     # pytest-xdist gives the test to each new worker that replaces a dead one: here to one.
     assert pytester.runpytest_inprocess(*options, "--max-worker-restart=1").ret == 1
-    tests = {each["id"].split("::")[1]: each for each in record_of(pytester)["tests"]}
+    tests = {test["id"].split("::")[1]: test for test in record_of(pytester)["tests"]}
     assert tests["test_before"]["outcome"] == "passed"
     assert tests["test_dies"]["outcome"] == "error"
     assert "crashed while running" in tests["test_dies"]["reason"]
-    assert [each["name"] for each in record_of(pytester)["measurements"]] == ["lamp.current"]
+    assert [measurement["name"] for measurement in record_of(pytester)["measurements"]] == ["lamp.current"]
 
 
 def test_other_tests_are_spread_over_the_workers_and_those_of_hiltest_are_not(pytester: pytest.Pytester) -> None:
@@ -167,8 +169,8 @@ def test_other_tests_are_spread_over_the_workers_and_those_of_hiltest_are_not(py
     assert result.ret == 0
     lines = [line.split() for line in result.outlines if "PASSED" in line]
     workers = {name: {line[0] for line in lines if name in line[-1]} for name in ("of_a_project", "test_lamp")}
-    assert {name: len(each) for name, each in workers.items()} == {"of_a_project": 2, "test_lamp": 1}
-    assert len({each["value"] for each in record_of(pytester)["measurements"]}) == 1
+    assert {name: len(worker) for name, worker in workers.items()} == {"of_a_project": 2, "test_lamp": 1}
+    assert len({measurement["value"] for measurement in record_of(pytester)["measurements"]}) == 1
 
 
 def test_who_distributes_tests_without_hiltest_notices_nothing(pytester: pytest.Pytester) -> None:

@@ -32,7 +32,7 @@ def cloud(virtual_board: Board) -> None:
 @pytest.mark.parametrize("calibrator", CALIBRATORS)
 def test_more_effort_costs_more_and_ends_at_all_of_it(virtual_board: Board, calibrator: str) -> None:
     curve = effort_curve(virtual_board, calibrator, points=POINTS)
-    efforts, cycles = [each.effort for each in curve], [each.cycles for each in curve]
+    efforts, cycles = [point.effort for point in curve], [point.cycles for point in curve]
     assert efforts == sorted(set(efforts))
     assert cycles == sorted(set(cycles))
     name = calibrator.removesuffix("-stream")
@@ -61,13 +61,13 @@ def test_each_calibrator_does_less_of_what_it_can_do_less_of(virtual_board: Boar
 @pytest.mark.parametrize("calibrator", CALIBRATORS)
 def test_the_largest_effort_within_a_budget_is_the_largest(virtual_board: Board, calibrator: str) -> None:
     curve = effort_curve(virtual_board, calibrator, points=POINTS)
-    wanted, above = curve[-3], curve[-2]
-    exactly = largest_effort_within(virtual_board, calibrator, cycles=wanted.cycles, points=POINTS)
-    assert (exactly.effort, exactly.cycles) == (wanted.effort, wanted.cycles)
-    less = largest_effort_within(virtual_board, calibrator, cycles=wanted.cycles - 1, points=POINTS)
-    assert less.effort == wanted.effort - 1
+    expected, above = curve[-3], curve[-2]
+    exactly = largest_effort_within(virtual_board, calibrator, cycles=expected.cycles, points=POINTS)
+    assert (exactly.effort, exactly.cycles) == (expected.effort, expected.cycles)
+    less = largest_effort_within(virtual_board, calibrator, cycles=expected.cycles - 1, points=POINTS)
+    assert less.effort == expected.effort - 1
     between = largest_effort_within(virtual_board, calibrator, cycles=above.cycles - 1, points=POINTS)
-    assert wanted.effort <= between.effort == above.effort - 1
+    assert expected.effort <= between.effort == above.effort - 1
     everything = largest_effort_within(virtual_board, calibrator, cycles=10**9, points=POINTS)
     assert (everything.effort, everything.cycles) == (curve[-1].effort, curve[-1].cycles)
 
@@ -87,9 +87,9 @@ def test_of_hundreds_of_sweeps_a_curve_has_some_and_a_budget_all(virtual_board: 
     assert curve[-1].kind is EffortKind.SWEEPS
     assert len(curve) < 50 < curve[-1].effort
     for budget in (curve[5].cycles, curve[-2].cycles + 1, curve[-1].cycles - 1):
-        found = largest_effort_within(virtual_board, "gradient-descent", cycles=budget, points=100)
-        _, above = calibrate_once(virtual_board, "gradient-descent", 100, iterations=found.effort + 1)
-        assert found.cycles <= budget < cycles_of(above)
+        result = largest_effort_within(virtual_board, "gradient-descent", cycles=budget, points=100)
+        _, above = calibrate_once(virtual_board, "gradient-descent", 100, iterations=result.effort + 1)
+        assert result.cycles <= budget < cycles_of(above)
 
 
 @pytest.mark.slow
@@ -104,8 +104,8 @@ def test_a_refused_ellipsoid_costs_more_than_one_of_more_points(virtual_board: B
     assert any(by_effort[points] < by_effort[points - 1] for points in range(10, 25))
     for budget in sorted(by_effort.values()):
         largest = max(effort for effort, cycles in by_effort.items() if cycles <= budget)
-        found = largest_effort_within(virtual_board, calibrator, cycles=budget, points=24)
-        assert (found.effort, found.cycles) == (largest, by_effort[largest])
+        result = largest_effort_within(virtual_board, calibrator, cycles=budget, points=24)
+        assert (result.effort, result.cycles) == (largest, by_effort[largest])
 
 
 def test_a_stream_that_refuses_a_point_has_no_effort_beyond_it(virtual_board: Board) -> None:

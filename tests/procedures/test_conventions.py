@@ -30,15 +30,15 @@ TILTS = [(0.0, 0.0), (20.0, 0.0), (0.0, 20.0)]
     ],
 )
 def test_headings_that_grow_the_other_way_are_named(answer: Callable[[float], float], words: str) -> None:
-    answered = [wrap_360(answer(each)) for each in REFERENCE]
-    found = other_way(answered, REFERENCE, FRAMES["ned"])
-    assert words in found
-    assert bool(found) is bool(words)
+    answered = [wrap_360(answer(figure)) for figure in REFERENCE]
+    result = other_way(answered, REFERENCE, FRAMES["ned"])
+    assert words in result
+    assert bool(result) is bool(words)
 
 
 def test_the_way_is_named_as_the_firmware_has_it() -> None:
     declared = FRAMES["enu"]
-    answered = [declared.heading_deg(each) for each in REFERENCE]
+    answered = [declared.heading_deg(figure) for figure in REFERENCE]
     assert "grow clockwise from north" in other_way(answered, REFERENCE, declared)
 
 
@@ -47,9 +47,9 @@ def test_the_way_is_named_as_the_firmware_has_it() -> None:
     [(1.0, ""), (0.1, "33.0 deg"), (0.0175, "5.8 deg"), (0.0, "0.0 deg while the board is turned through 330")],
 )
 def test_headings_that_do_not_follow_the_board_are_named(scale: float, words: str) -> None:
-    found = standing_still([wrap_360(scale * each) for each in REFERENCE], REFERENCE)
-    assert words in found
-    assert bool(found) is bool(words)
+    result = standing_still([wrap_360(scale * figure) for figure in REFERENCE], REFERENCE)
+    assert words in result
+    assert bool(result) is bool(words)
 
 
 def test_one_known_angle_shows_no_standing_still() -> None:
@@ -74,11 +74,11 @@ def said_in(actual: str, declared: str) -> tuple[list[Vectors], list[float]]:
 @pytest.mark.parametrize("actual", FRAMES)
 @pytest.mark.parametrize("declared", FRAMES)
 def test_vectors_of_another_frame_are_named(actual: str, declared: str) -> None:
-    found = other_frame(*said_in(actual, declared), declared, FRAMES[actual])
+    result = other_frame(*said_in(actual, declared), declared, FRAMES[actual])
     one, other = FRAMES[actual], FRAMES[declared]
     same = (one.to_body, one.gravity_sign) == (other.to_body, other.gravity_sign)
     words = f'headings computed from its vectors are right, within 0.0 deg, with frame = "{actual}"'
-    assert found == ("" if same else words)
+    assert result == ("" if same else words)
 
 
 def test_vectors_that_no_frame_explains_have_none() -> None:
@@ -88,7 +88,7 @@ def test_vectors_that_no_frame_explains_have_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "words"),
+    ("message", "words"),
     [
         (lambda pitch, roll: (pitch, roll), ""),
         (lambda pitch, roll: (roll, pitch), "right within 0.0 deg with pitch and roll exchanged"),
@@ -99,6 +99,6 @@ def test_vectors_that_no_frame_explains_have_none() -> None:
     ],
 )
 def test_pitch_and_roll_that_are_exchanged_or_negated_are_named(
-    said: Callable[[float, float], tuple[float, float]], words: str
+    message: Callable[[float, float], tuple[float, float]], words: str
 ) -> None:
-    assert other_tilt([said(*each) for each in TILTS], TILTS) == words
+    assert other_tilt([message(*tilt) for tilt in TILTS], TILTS) == words

@@ -22,22 +22,22 @@ def counts(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 @pytest.mark.parametrize("radius_deg", [30.0, 60.0, 90.0, 120.0])
 def test_a_cap_left_out_is_the_largest_hole(radius_deg: float) -> None:
     even = sphere_directions(3000)
-    left = even[even @ np.array([0.6, 0.0, 0.8]) < np.cos(np.radians(radius_deg))]
+    remainder = even[even @ np.array([0.6, 0.0, 0.8]) < np.cos(np.radians(radius_deg))]
     # 3000 even points are 4 degrees apart, so one lies within 2.3 of the rim; the search's own grain is 2.
-    assert largest_uncovered_cap_deg(counts(left), field_ut=FIELD_UT) == pytest.approx(radius_deg, abs=2.5)
+    assert largest_uncovered_cap_deg(counts(remainder), field_ut=FIELD_UT) == pytest.approx(radius_deg, abs=2.5)
     part = (1.0 + np.cos(np.radians(radius_deg))) / 2.0
     # The area's slope is sin/2 a radian at most: half of 2.5 degrees in radians.
-    assert sphere_coverage(counts(left), field_ut=FIELD_UT) == pytest.approx(part, abs=0.022)
+    assert sphere_coverage(counts(remainder), field_ut=FIELD_UT) == pytest.approx(part, abs=0.022)
 
 
 @pytest.mark.parametrize("part", [0.1, 0.2, 0.3, 0.5, 0.75])
 def test_the_covered_part_of_the_thesis_generator_comes_out(part: float) -> None:
-    found = [
+    sphere_coverages = [
         sphere_coverage(instance(seed, covered=(part, part), stretch=0.03).points_counts, field_ut=50.0)
         for seed in range(20)
     ]
     # 100 points leave holes of their own up to the rim: seeds 0..59 gave 0.06 at most.
-    assert np.abs(np.array(found) - part).max() < 0.07
+    assert np.abs(np.array(sphere_coverages) - part).max() < 0.07
 
 
 def test_one_turn_about_one_axis_leaves_a_hole_on_either_side() -> None:

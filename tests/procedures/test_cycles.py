@@ -35,13 +35,13 @@ def test_a_line_needs_two_places(x: list[int], y: list[int]) -> None:
 
 
 def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Board) -> None:
-    told: list[tuple[int, int]] = []
+    messages: list[tuple[int, int]] = []
     costs = measure_cycles(
         virtual_board,
         ["direct", "corrected", "iterative"],
         point_sets=3,
         sizes=(20, 100, 300),
-        progress=lambda _, done, of: told.append((done, of)),
+        progress=lambda _, done, of: messages.append((done, of)),
     )
     direct, corrected, iterative = costs["direct"], costs["corrected"], costs["iterative"]
     assert direct.total < corrected.total < iterative.total
@@ -70,8 +70,8 @@ def test_the_board_counts_every_calibrator_on_the_same_clouds(virtual_board: Boa
     # A Cortex-M4 executes at most one instruction a cycle.
     assert 0 < direct.instructions < direct.total
     assert direct.spread <= iterative.spread
-    assert told[0] == (0, 5)
-    assert told[-1] == (5, 5)
+    assert messages[0] == (0, 5)
+    assert messages[-1] == (5, 5)
 
 
 def test_counting_again_gives_the_same_number(virtual_board: Board) -> None:

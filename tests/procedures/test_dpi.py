@@ -41,46 +41,44 @@ def tumble(virtual_board: Board, bench_rig) -> Tumble:  # type: ignore[no-untype
 
 
 @pytest.fixture(scope="module")
-def found(virtual_board: Board, tumble: Tumble) -> DpiRun:
+def run(virtual_board: Board, tumble: Tumble) -> DpiRun:
     virtual_board.session.request(SetAccelerometer(0, GAIN, OFFSET))
     run = fit_tumble(virtual_board, tumble, slot=SLOT, dip_deg=62.0)
     return run
 
 
-def test_all_pairs_of_the_tumble_are_used(found: DpiRun) -> None:
-    assert found.run.fit is FitStatus.ELLIPSOID
-    assert (found.n_used, found.run.n, found.run.slot) == (300, 300, SLOT)
+def test_all_pairs_of_the_tumble_are_used(run: DpiRun) -> None:
+    assert run.run.fit is FitStatus.ELLIPSOID
+    assert (run.n_used, run.run.n, run.run.slot) == (300, 300, SLOT)
 
 
-def test_the_board_does_as_the_reference_does_with_the_active_slots_accelerometer(
-    found: DpiRun, tumble: Tumble
-) -> None:
+def test_the_board_does_as_the_reference_does_with_the_active_slots_accelerometer(run: DpiRun, tumble: Tumble) -> None:
     gravity = (tumble.accelerometer - OFFSET) @ GAIN.T
     reference = fit_dpi(tumble.points, gravity, dip_deg=62.0)
     # The margins of C against the reference.
-    assert np.allclose(found.run.soft_iron, reference.calibration.soft_iron, rtol=0, atol=1e-7)
-    assert np.allclose(found.run.hard_iron, reference.calibration.hard_iron, rtol=0, atol=0.005)
+    assert np.allclose(run.run.soft_iron, reference.calibration.soft_iron, rtol=0, atol=1e-7)
+    assert np.allclose(run.run.hard_iron, reference.calibration.hard_iron, rtol=0, atol=0.005)
 
 
-def test_the_slot_gets_both_calibrations(virtual_board: Board, found: DpiRun) -> None:
+def test_the_slot_gets_both_calibrations(virtual_board: Board, run: DpiRun) -> None:
     stored = virtual_board.session.request(GetCalibration(SLOT))
-    assert np.array_equal(stored.soft_iron, found.run.soft_iron)
-    assert np.array_equal(stored.hard_iron, found.run.hard_iron)
+    assert np.array_equal(stored.soft_iron, run.run.soft_iron)
+    assert np.array_equal(stored.hard_iron, run.run.hard_iron)
     accelerometer = virtual_board.session.request(GetAccelerometer(SLOT))
     assert np.allclose(accelerometer.gain, GAIN, rtol=1e-6)
     assert np.allclose(accelerometer.offset, OFFSET)
 
 
-def test_what_the_data_say_of_the_field_is_near_the_truth(virtual_board: Board, found: DpiRun) -> None:
+def test_what_the_data_say_of_the_field_is_near_the_truth(virtual_board: Board, run: DpiRun) -> None:
     assert virtual_board.truth is not None
     # Noise of 300 pairs is 0.1 degree; 2 mg of the accelerometer's offset are another.
-    assert found.dip_deg == pytest.approx(virtual_board.truth.dip_deg, abs=0.5)
+    assert run.dip_deg == pytest.approx(virtual_board.truth.dip_deg, abs=0.5)
     gain = np.linalg.det(virtual_board.truth.soft_iron) ** (1.0 / 3.0)
-    assert found.strength_ut == pytest.approx(48.5 * gain, abs=0.3)
+    assert run.strength_ut == pytest.approx(48.5 * gain, abs=0.3)
     # 0.4 uT, the counts' rounding, and gravity's 1.26 mg, of 48.5 uT: 0.84 %; 288 degrees of freedom.
-    assert found.standard_error_percent == pytest.approx(0.84, rel=0.15)
-    assert found.run.rotation_left_deg is not None
-    assert found.run.rotation_left_deg < 1.0
+    assert run.standard_error_percent == pytest.approx(0.84, rel=0.15)
+    assert run.run.rotation_left_deg is not None
+    assert run.run.rotation_left_deg < 1.0
 
 
 @pytest.mark.slow
@@ -137,5 +135,5 @@ def test_pairs_that_are_uploaded_are_those_that_come_back(virtual_board: Board) 
     points, gravities = golden_pairs(100)
     upload_pairs(virtual_board, points, gravities)
     back = [virtual_board.session.request(Points(first, 50)) for first in (0, 50)]
-    assert np.array_equal(np.concatenate([each.magnetometer for each in back]), points)
-    assert np.array_equal(np.concatenate([each.accelerometer for each in back]), gravities)
+    assert np.array_equal(np.concatenate([pose.magnetometer for pose in back]), points)
+    assert np.array_equal(np.concatenate([pose.accelerometer for pose in back]), gravities)

@@ -49,11 +49,11 @@ def test_a_heading_errs_by_what_the_disturbance_is_across_it(bench_rig: Rig) -> 
         for heading_deg in (0.0, 90.0, 200.0):
             table.turn_to(Pose(heading_deg))
             answer = board.session.request(Average(64, slot_bitmask=1 << SLOT, timeout_us=3_000_000))
-            found = answer.headings[SLOT]
+            heading = answer.headings[SLOT]
             true_rad = math.radians(heading_deg + rig.world.mounting_yaw_deg)
             x, y = horizontal_ut * math.cos(true_rad) + forward, -horizontal_ut * math.sin(true_rad) + right
-            assert found.attitude is not None
-            error_deg = (found.attitude.heading_deg - math.degrees(math.atan2(-y, x)) + 180.0) % 360.0 - 180.0
+            assert heading.attitude is not None
+            error_deg = (heading.attitude.heading_deg - math.degrees(math.atan2(-y, x)) + 180.0) % 360.0 - 180.0
             # 0.4 uT over 22.8 uT and the root of 64 are 0.13 degree; four of them.
             assert abs(error_deg) < 0.52
         with pytest.raises(BenchError, match=r"disturbed from 2 s on, and the board was ready for it at .* later"):
@@ -63,11 +63,11 @@ def test_a_heading_errs_by_what_the_disturbance_is_across_it(bench_rig: Rig) -> 
 def test_what_passes_disturbs_while_it_is_near(bench_rig: Rig) -> None:
     passing = PassingTable((300.0, 0.0, 0.0), (0.0, 2.0, 0.0), (5.0, 0.0, 0.0), 3.0)
     with open_board(with_disturbances(bench_rig, passing=passing)) as board:
-        seen = []
+        observations = []
         for until_s in (1.0, 3.0, 6.0):
             board.sleep(until_s - (board.virtual_seconds or 0.0))
-            seen.append(is_disturbed(board))
-    assert seen == [False, True, False]
+            observations.append(is_disturbed(board))
+    assert observations == [False, True, False]
 
 
 @pytest.mark.slow
@@ -76,15 +76,15 @@ def test_points_of_a_disturbed_field_are_fitted_as_hard_iron_and_the_good_ones_a
     with open_board(with_disturbances(bench_rig, current=current)) as board:
         table = open_turntable(board, uncertainty_deg=0.1)
         tumble = collect_tumble(board, table, points=300)
-        found = calibrate_while_driving(board, table, tumble=tumble, calibrator="direct", n=100)
+        result = calibrate_while_driving(board, table, tumble=tumble, calibrator="direct", n=100)
         truth = board.truth
         assert truth is not None
-        shifted = found.fit.hard_iron / COUNTS_PER_UT - truth.hard_iron_ut
+        shifted = result.fit.hard_iron / COUNTS_PER_UT - truth.hard_iron_ut
         # 0.4 uT on 100 points leaves 0.1 uT of an offset.
         assert np.abs(shifted - 8.0 * np.array(PER_A)).max() < 0.4
-        assert found.residual_percent < 1.2  # 0.4 uT of 48.5: it says nothing of what shifted it
+        assert result.residual_percent < 1.2  # 0.4 uT of 48.5: it says nothing of what shifted it
         assert (board.session.request(Points(0, 80)).magnetometer == tumble.points[:80]).all()
-        stages = found.begun_disturbed["iterative-stream"]
+        stages = result.begun_disturbed["iterative-stream"]
         assert [stage.disturbed for stage in stages] == [*[True] * (len(stages) - 6), *[False] * 6]
 
 
@@ -96,25 +96,25 @@ def test_a_run_is_summed_up_by_what_disturbs_it() -> None:
     time_s = np.arange(10.0)
     errors = np.array([1.0, -1.0, 6.0, 8.0, 7.0, 6.0, 2.0, -10.0, 1.0, math.nan])
     motor, car = field(0, 0, 5, 5, 0, 0, 0, 0, 0, 0), field(0, 0, 0, 0, 0, 0, 0, 3, 0.4, 0)
-    found = driven_headings(time_s, errors, {"current": motor, "passing": car})
-    assert found.quiet_rms_deg == 1.0
-    assert found.rms_by_cause_deg == pytest.approx({"current": math.sqrt(50.0), "passing": 10.0})
-    assert found.rms_deg == pytest.approx(math.sqrt(200.0 / 3.0))
-    assert found.max_deg == 10.0
+    result = driven_headings(time_s, errors, {"current": motor, "passing": car})
+    assert result.quiet_rms_deg == 1.0
+    assert result.rms_by_cause_deg == pytest.approx({"current": math.sqrt(50.0), "passing": 10.0})
+    assert result.rms_deg == pytest.approx(math.sqrt(200.0 / 3.0))
+    assert result.max_deg == 10.0
     # Wrong for two records after the motor, at none after the car; five in all.
-    assert (found.recovery_s, found.recovered) == (2.0, True)
-    assert found.unsaid_s == 5.0
+    assert (result.recovery_s, result.recovered) == (2.0, True)
+    assert result.unsaid_s == 5.0
 
 
 def test_a_heading_that_is_still_wrong_at_the_next_disturbance_or_the_end_has_not_recovered() -> None:
     time_s, errors = np.arange(6.0), np.array([0.0, 9.0, 9.0, 9.0, 9.0, 9.0])
     for strengths, longest_s in (((0, 5, 0, 0, 5, 5), 2.0), ((0, 5, 0, 0, 0, 0), 4.0)):
-        found = driven_headings(time_s, errors, {"current": field(*strengths)})
-        assert (found.recovery_s, found.recovered) == (longest_s, False)
+        result = driven_headings(time_s, errors, {"current": field(*strengths)})
+        assert (result.recovery_s, result.recovered) == (longest_s, False)
 
 
 def test_a_source_that_answers_no_heading_while_it_is_disturbed_has_said_so() -> None:
     errors = np.array([0.0, math.nan, math.nan, 0.0])
-    found = driven_headings(np.arange(4.0), errors, {"cable": field(0, 5, 5, 0)})
-    assert (found.unsaid_s, found.recovery_s) == (0.0, 0.0)
-    assert math.isnan(found.rms_deg)
+    result = driven_headings(np.arange(4.0), errors, {"cable": field(0, 5, 5, 0)})
+    assert (result.unsaid_s, result.recovery_s) == (0.0, 0.0)
+    assert math.isnan(result.rms_deg)

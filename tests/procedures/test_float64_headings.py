@@ -33,32 +33,32 @@ def runs(virtual_board: Board, tumble: Tumble) -> dict[str, CalibratorRun]:
 
 
 @pytest.fixture
-def known(virtual_board: Board, simulated_turntable: Turntable, runs: dict[str, CalibratorRun]) -> KnownAngles:
+def angles(virtual_board: Board, simulated_turntable: Turntable, runs: dict[str, CalibratorRun]) -> KnownAngles:
     slots = {name: run.slot for name, run in runs.items()}
     return measure_known_angles(virtual_board, simulated_turntable, poses=POSES, slots=slots, mounting_yaw_deg=1.7)
 
 
 def test_the_board_agrees_with_the_host_and_a_wrong_heading_shows(
-    known: KnownAngles, runs: dict[str, CalibratorRun], tumble: Tumble
+    angles: KnownAngles, runs: dict[str, CalibratorRun], tumble: Tumble
 ) -> None:
     assert (runs["direct@60"].calibrator, runs["direct@60"].n, runs["direct@60"].slot) == ("direct", 60, 2)
     for name, run in runs.items():
-        agreed = float32_error_deg(known, run, tumble)
+        agreed = float32_error_deg(angles, run, tumble)
         # Headings come as float32: half an ulp at 250 degrees alone is 8e-6.
         assert agreed is not None
         assert 0.0 < agreed < 0.01, name
-    moved = known.heading_deg["direct"].copy()
+    moved = angles.heading_deg["direct"].copy()
     moved[1] -= 0.02
-    wrong = replace(known, heading_deg=known.heading_deg | {"direct": moved})
+    wrong = replace(angles, heading_deg=angles.heading_deg | {"direct": moved})
     assert float32_error_deg(wrong, runs["direct"], tumble) == pytest.approx(0.02, abs=0.01)
     # Sixty points are another calibration: what the board made of one must not pass for the other.
     swapped = replace(runs["direct"], name="direct", n=60)
-    difference = float32_error_deg(known, swapped, tumble)
+    difference = float32_error_deg(angles, swapped, tumble)
     assert difference is not None
     assert difference > 0.01
 
 
 def test_a_calibrator_without_a_reference_has_no_such_number(
-    known: KnownAngles, runs: dict[str, CalibratorRun], tumble: Tumble
+    angles: KnownAngles, runs: dict[str, CalibratorRun], tumble: Tumble
 ) -> None:
-    assert float32_error_deg(known, replace(runs["direct"], name="one-of-my-own"), tumble) is None
+    assert float32_error_deg(angles, replace(runs["direct"], name="one-of-my-own"), tumble) is None

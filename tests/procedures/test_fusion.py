@@ -125,9 +125,9 @@ def test_where_nobody_knows_the_truth_there_are_no_errors(
     still = SimulatedTurntable(calibrated.stage, uncertainty_deg=0.1)
     monkeypatch.setattr(still, "sway", lambda: 0.2)
     noise = filter_noise(magnetometer_sigma_ut=0.4, field_ut=48.5, dip_deg=62.0)
-    found = measure_fusion(calibrated, still, slot=SLOT, noise=noise, bias_s=0.5)
-    assert (found.truth, found.fused, found.accelerometer_magnetometer, found.gyroscope) == (None, None, None, None)
-    assert found.summary.updated.steps > 30
+    fusion = measure_fusion(calibrated, still, slot=SLOT, noise=noise, bias_s=0.5)
+    assert (fusion.truth, fusion.fused, fusion.accelerometer_magnetometer, fusion.gyroscope) == (None, None, None, None)
+    assert fusion.summary.updated.steps > 30
 
 
 # Those that show least: errors of 8, 8 and 49 degrees of heading. Wrong signs of all axes or of z alone make 86 and
@@ -143,13 +143,13 @@ def test_a_wrong_sign_axis_or_unit_of_the_rate_is_red(calibrated: Board, bench_r
     calibrated.session.request(SetGyroscope(wrong @ right.matrix, right.bias))
     try:
         # In half a second the bias is known to 0.04 deg/s, which a correct filter would not notice in 8 s.
-        found = moved(calibrated, bench_rig, bias_s=0.5)
+        result = moved(calibrated, bench_rig, bias_s=0.5)
     finally:
         calibrated.session.request(SetGyroscope(right.matrix, right.bias))
-    assert found.fused is not None
+    assert result.fused is not None
     tilt_limit_deg = bench_rig.limits["fusion.tilt.rms"].max
     assert tilt_limit_deg is not None
-    assert found.fused.heading_rms_deg > heading_limit_deg(bench_rig) or found.fused.tilt_rms_deg > tilt_limit_deg
+    assert result.fused.heading_rms_deg > heading_limit_deg(bench_rig) or result.fused.tilt_rms_deg > tilt_limit_deg
 
 
 class Nudged(QuickTurntable):

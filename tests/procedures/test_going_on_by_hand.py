@@ -47,7 +47,7 @@ class Runs:
         self, *answers: str, ends: Verdict | None = None, bench: dict[str, str] = BENCH, reaches_poses: bool = True
     ) -> tuple[str, KnownAngles | None]:
         """Run; with `ends` the run comes to its end, and without it is killed there. Return what is said, and found."""
-        self.asked, left = [], list(answers)
+        self.asked, remainder = [], list(answers)
         recorder = Recorder(Journal(self.folder), suite="gate", poses="all")
         recorder.begin()
         by_hand = ByHand(recorder, bench)
@@ -57,13 +57,13 @@ class Runs:
             if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
                 assert self.board.stage is not None
                 self.board.stage.turn_to(Pose(*map(float, pose.groups())))
-            return left.pop(0) if left else ""
+            return remainder.pop(0) if remainder else ""
 
-        found = None
+        result = None
         try:
             by_hand.tumble(self.board, self._collect)
             if reaches_poses:
-                found = measure_known_angles(
+                result = measure_known_angles(
                     self.board,
                     OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
                     poses=POSES,
@@ -77,7 +77,7 @@ class Runs:
         if ends is not None:
             recorder.finish(ends)
         recorder.release()  # of a killed one the kernel takes the lock back
-        return by_hand.remark, found
+        return by_hand.remark, result
 
     def _collect(self) -> Tumble:
         from hiltest.procedures import open_turntable
@@ -87,7 +87,7 @@ class Runs:
 
     @property
     def poses(self) -> list[int]:
-        return [int(found[1]) for each in self.asked if (found := re.search(r"pose (\d+): turn", each))]
+        return [int(match[1]) for request in self.asked if (match := re.search(r"pose (\d+): turn", request))]
 
 
 @pytest.fixture
@@ -98,22 +98,22 @@ def runs(virtual_board: Board, tmp_path: Path) -> Runs:
 
 @pytest.mark.parametrize("ends", [STOPPED, None], ids=["stopped", "killed"])
 def test_a_run_goes_on_at_the_next_pose(runs: Runs, ends: Verdict | None) -> None:
-    said, _ = runs("1.5", "", "q", ends=ends)
-    assert said == ""
+    answer, _ = runs("1.5", "", "q", ends=ends)
+    assert answer == ""
     assert runs.poses == [1, 2, 3]
-    said, found = runs(ends=PASSED)
-    assert re.fullmatch(r"continues the run of \S+Z, which was cut short: the tumble, 2 known angles reused", said)
+    answer, result = runs(ends=PASSED)
+    assert re.fullmatch(r"continues the run of \S+Z, which was cut short: the tumble, 2 known angles reused", answer)
     assert runs.poses == [3]
     assert re.match(r"\n2 known angles reused from the run of \S+Z\.", runs.asked[0])
     assert runs.tumbled == 1
-    assert found is not None
-    assert found.poses == POSES
-    assert found.reference_deg.tolist() == [1.5, 90.0, 180.0]
-    assert found.heading_deg["uncalibrated"].shape == (3,)
+    assert result is not None
+    assert result.poses == POSES
+    assert result.reference_deg.tolist() == [1.5, 90.0, 180.0]
+    assert result.heading_deg["uncalibrated"].shape == (3,)
     # It is at its end: there is nothing to go on with.
     assert not (runs.folder / JOURNAL_FILE).exists()
-    said, _ = runs(ends=PASSED)
-    assert (said, runs.poses, runs.tumbled) == ("", [1, 2, 3], 2)
+    answer, _ = runs(ends=PASSED)
+    assert (answer, runs.poses, runs.tumbled) == ("", [1, 2, 3], 2)
 
 
 def test_what_is_taken_over_twice_is_what_the_board_answered(runs: Runs) -> None:
@@ -121,8 +121,8 @@ def test_what_is_taken_over_twice_is_what_the_board_answered(runs: Runs) -> None
     assert whole is not None
     # Two runs that are killed before they come to a known angle lose none.
     for _ in range(2):
-        said, _ = runs(reaches_poses=False)
-        assert "3 known angles" in said
+        answer, _ = runs(reaches_poses=False)
+        assert "3 known angles" in answer
     _, again = runs(ends=PASSED)
     assert again is not None
     assert runs.poses == []
@@ -131,12 +131,12 @@ def test_what_is_taken_over_twice_is_what_the_board_answered(runs: Runs) -> None
     assert np.array_equal(again.heading_deg["uncalibrated"], whole.heading_deg["uncalibrated"])
 
 
-@pytest.mark.parametrize("what", ["firmware", "board", "rig"])
-def test_another_bench_begins_anew_and_says_what_is_another(runs: Runs, what: str) -> None:
+@pytest.mark.parametrize("case", ["firmware", "board", "rig"])
+def test_another_bench_begins_anew_and_says_what_is_another(runs: Runs, case: str) -> None:
     runs("", "q")
-    said, _ = runs(ends=PASSED, bench=BENCH | {what: "ee"})
+    answer, _ = runs(ends=PASSED, bench=BENCH | {case: "ee"})
     assert re.fullmatch(
-        rf"starts again instead of continuing the run of \S+Z, which was cut short: another {what}", said
+        rf"starts again instead of continuing the run of \S+Z, which was cut short: another {case}", answer
     )
     assert runs.poses == [1, 2, 3]
     assert runs.tumbled == 2
@@ -160,7 +160,7 @@ def test_the_six_faces_are_taken_over_with_their_fit(virtual_board: Board, tmp_p
         asked.append(question)
         if face := re.search(r"put the board (.+), square on", question):
             assert virtual_board.stage is not None
-            virtual_board.stage.turn_to(next(each.pose for each in FACES if FACE_WORDS[each] == face[1]))
+            virtual_board.stage.turn_to(next(item.pose for item in FACES if FACE_WORDS[item] == face[1]))
         return ""
 
     def run() -> AccelerometerRun:
@@ -168,15 +168,15 @@ def test_the_six_faces_are_taken_over_with_their_fit(virtual_board: Board, tmp_p
         recorder.begin()
         journal = ByHand(recorder, BENCH)
         table = OperatorTurntable(prompt=hand, uncertainty_deg=1.0)
-        made = measure_six_positions(virtual_board, table, uncertainty_deg=1.0, journal=journal)
+        six_positions = measure_six_positions(virtual_board, table, uncertainty_deg=1.0, journal=journal)
         recorder.release()  # killed
-        return made
+        return six_positions
 
     first = run()
-    assert sum("of 6: put" in each for each in asked) == 6
+    assert sum("of 6: put" in request for request in asked) == 6
     asked.clear()
     again = run()
-    assert not any("of 6: put" in each for each in asked)
+    assert not any("of 6: put" in request for request in asked)
     assert np.array_equal(again.fit.gain, first.fit.gain)
     assert np.array_equal(again.fit.offset, first.fit.offset)
     assert again.die_temperature_degc == first.die_temperature_degc
@@ -204,6 +204,6 @@ def test_a_damaged_journal_begins_anew(runs: Runs, damage: Callable[[dict[str, o
     path = runs.folder / JOURNAL_FILE
     entries = [damage(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
     path.write_text("".join(f"{json.dumps(entry)}\n" for entry in entries), encoding="utf-8")
-    said, _ = runs(ends=PASSED)
-    assert re.fullmatch(r"starts again: the journal of the run of \S+Z, which was cut short, is damaged", said)
+    answer, _ = runs(ends=PASSED)
+    assert re.fullmatch(r"starts again: the journal of the run of \S+Z, which was cut short, is damaged", answer)
     assert runs.poses == [1, 2, 3]

@@ -245,17 +245,17 @@ def test_a_tumble_shows_the_field_from_all_sides_without_winding_up_a_cable(dip_
     assert all(abs(pose.pitch_deg) <= 90.0 and abs(pose.roll_deg) <= 180.0 for pose in poses)
     assert all(abs(pose.heading_deg) <= 180.0 for pose in poses)
     field = np.array(EarthField(1.0, dip_deg).ned_ut)
-    seen = []
+    observations = []
     for begin, end in zip(poses[::2], poses[1::2], strict=True):  # each circle; the ways between come on top
         for share in np.linspace(0.0, 1.0, 73):
             roll_deg = begin.roll_deg + share * (end.roll_deg - begin.roll_deg)
             board = Pose(begin.heading_deg + yaw_deg, begin.pitch_deg, roll_deg)
-            seen.append(rotation_body_from_ned(board) @ field)
+            observations.append(rotation_body_from_ned(board) @ field)
     index = np.arange(200) + 0.5  # directions spread evenly over the sphere
     height, around = 1.0 - index / 100.0, index * np.pi * (3.0 - np.sqrt(5.0))
     width = np.sqrt(1.0 - height**2)
     directions = np.column_stack([width * np.cos(around), width * np.sin(around), height])
-    nearest = np.degrees(np.arccos(np.clip((directions @ np.array(seen).T).max(axis=1), -1.0, 1.0)))
+    nearest = np.degrees(np.arccos(np.clip((directions @ np.array(observations).T).max(axis=1), -1.0, 1.0)))
     # Circles 30 degrees apart, points on them 5 degrees apart at most: half of both, at right angles.
     assert nearest.max() <= np.hypot(15.0, 2.5) + 0.1
 
@@ -264,15 +264,15 @@ def test_a_tumble_shows_the_field_from_all_sides_without_winding_up_a_cable(dip_
 def test_a_tumble_determines_the_magnetometer_against_gravity(dip: float, sign: float, yaw_deg: float) -> None:
     dip_deg = sign * dip
     poses = tumble_poses(dip_deg, mounting_yaw_deg=yaw_deg)
-    field, seen, gravity = np.array(EarthField(400.0, dip_deg).ned_ut), [], []
+    field, observations, gravity = np.array(EarthField(400.0, dip_deg).ned_ut), [], []
     for begin, end in zip(poses[::2], poses[1::2], strict=True):
         for share in np.linspace(0.0, 1.0, 50, endpoint=False):
             roll_deg = begin.roll_deg + share * (end.roll_deg - begin.roll_deg)
             to_body = rotation_body_from_ned(Pose(begin.heading_deg + yaw_deg, begin.pitch_deg, roll_deg))
-            seen.append(to_body @ field)
+            observations.append(to_body @ field)
             gravity.append(to_body @ [0.0, 0.0, 1.0])
     # Tilts of 30 degrees at most give 38, and headings within the limit.
-    assert fit_dpi(seen, gravity).calibration.coverage < 38.0
+    assert fit_dpi(observations, gravity).calibration.coverage < 38.0
 
 
 @settings(max_examples=20)

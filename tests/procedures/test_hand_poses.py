@@ -52,9 +52,9 @@ def test_a_walk_goes_on_to_what_is_open_and_back_to_what_was_taken() -> None:
 def test_no_step_loses_a_pose_and_the_open_ones_end_every_walk(of: int, steps: list[str]) -> None:
     walk = PoseWalk(of)
     for step in steps:
-        taken = set(walk.taken)
+        selected = set(walk.taken)
         getattr(walk, step)()
-        assert taken <= set(walk.taken)
+        assert selected <= set(walk.taken)
         assert not set(walk.taken) & walk.skipped
         assert walk.at is None or 0 <= walk.at < of
     for _ in range(2 * of + 1):
@@ -63,14 +63,14 @@ def test_no_step_loses_a_pose_and_the_open_ones_end_every_walk(of: int, steps: l
 
 
 def test_a_wish_is_a_word_or_its_first_letter() -> None:
-    assert [wish_of(each) for each in ("r", "SKIP", " b ", "q", "quit")] == [
+    assert [wish_of(text) for text in ("r", "SKIP", " b ", "q", "quit")] == [
         Wish.REDO,
         Wish.SKIP,
         Wish.BACK,
         Wish.STOP,
         Wish.STOP,
     ]
-    assert [wish_of(each) for each in ("", "87.5", "rest", "-")] == [None] * 4
+    assert [wish_of(text) for text in ("", "87.5", "rest", "-")] == [None] * 4
 
 
 class Hand:
@@ -93,14 +93,14 @@ class Hand:
     @property
     def poses(self) -> list[int]:
         """Numbers of the poses that were asked for."""
-        return [int(found[1]) for each in self.asked if (found := re.search(r"pose (\d+): turn", each))]
+        return [int(match[1]) for request in self.asked if (match := re.search(r"pose (\d+): turn", request))]
 
 
 @pytest.fixture
 def by_hand(virtual_board: Board) -> Callable[..., tuple[KnownAngles, Hand]]:
     def measure(*answers: str) -> tuple[KnownAngles, Hand]:
         hand = Hand(virtual_board, *answers)
-        found = measure_known_angles(
+        known_angles = measure_known_angles(
             virtual_board,
             OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
             poses=POSES,
@@ -108,7 +108,7 @@ def by_hand(virtual_board: Board) -> Callable[..., tuple[KnownAngles, Hand]]:
             mounting_yaw_deg=0.0,
             readings=4,
         )
-        return found, hand
+        return known_angles, hand
 
     virtual_board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))
     return measure
@@ -117,26 +117,26 @@ def by_hand(virtual_board: Board) -> Callable[..., tuple[KnownAngles, Hand]]:
 def test_what_the_board_says_whether_it_moves_and_what_is_left_stand_beside_a_question(
     by_hand: Callable[..., tuple[KnownAngles, Hand]],
 ) -> None:
-    found, hand = by_hand()
+    result, hand = by_hand()
     assert hand.poses == [1, 2, 3]
-    assert found.poses == POSES
-    assert found.skipped == ()
-    assert found.not_measured == ""
+    assert result.poses == POSES
+    assert result.skipped == ()
+    assert result.not_measured == ""
     first, then = hand.beside[:2]
     assert re.fullmatch(r"board \d+\.\d deg, moving; 0 of 3", first)  # with nothing before it nothing is known
     assert re.fullmatch(r"board \d+\.\d deg, still; 0 of 3", then)
     assert re.fullmatch(r"board \d+\.\d deg, still; 2 of 3, \d+ s left", hand.beside[5])
     heading_deg = float(then.split()[1])
-    assert heading_deg == pytest.approx(found.heading_deg["uncalibrated"][0] % 360.0, abs=3.0)  # noise of 8 readings
+    assert heading_deg == pytest.approx(result.heading_deg["uncalibrated"][0] % 360.0, abs=3.0)  # noise of 8 readings
 
 
 def test_a_pose_is_taken_again_skipped_and_gone_back_to(by_hand: Callable[..., tuple[KnownAngles, Hand]]) -> None:
-    found, hand = by_hand("", "r", "1.5", "s", "b", "s", "", "b", "s", "")
+    result, hand = by_hand("", "r", "1.5", "s", "b", "s", "", "b", "s", "")
     assert hand.poses == [1, 2, 1, 2, 3, 2, 3, 3]
-    assert found.poses == (POSES[0], POSES[2])
-    assert found.reference_deg.tolist() == [1.5, 180.0]  # the second time the operator said what was reached
-    assert found.skipped == (POSES[1],)
-    assert found.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
+    assert result.poses == (POSES[0], POSES[2])
+    assert result.reference_deg.tolist() == [1.5, 180.0]  # the second time the operator said what was reached
+    assert result.skipped == (POSES[1],)
+    assert result.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
     assert "pose 2 is not measured." in hand.asked[4]
     assert "2 of 3 known angles are taken; 1 pose not measured: 2." in hand.asked[-1]
 
@@ -165,7 +165,7 @@ def test_a_board_that_still_turns_is_not_taken_until_it_stands(virtual_board: Bo
             virtual_board.sleep(_BEGUN_S)
         return ""
 
-    found = measure_known_angles(
+    known_angles = measure_known_angles(
         virtual_board,
         OperatorTurntable(prompt=hand, uncertainty_deg=1.0),
         poses=POSES[:1],
@@ -177,7 +177,9 @@ def test_a_board_that_still_turns_is_not_taken_until_it_stands(virtual_board: Bo
     after = session.request(Average(8, 1)).headings[0].attitude
     assert after is not None
     assert after.heading_deg > 60.0  # it did turn
-    assert found.heading_deg["uncalibrated"][0] == pytest.approx(after.heading_deg, abs=3.0)  # noise of 8 readings
+    assert known_angles.heading_deg["uncalibrated"][0] == pytest.approx(
+        after.heading_deg, abs=3.0
+    )  # noise of 8 readings
 
 
 def test_a_board_that_never_stands_still_is_asked_for_again(

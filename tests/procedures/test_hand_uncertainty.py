@@ -92,10 +92,10 @@ def measured_by(board: Board, rig: Rig, error_deg: Error) -> KnownAngles:
     )
 
 
-def verdict(rig: Rig, found: KnownAngles, name: str) -> Measurement:
+def verdict(rig: Rig, angles: KnownAngles, name: str) -> Measurement:
     uncertainty_deg = rig.guard_band_deg(f"heading.{name}.max")
     return check(
-        f"heading.{name}.max", found.summary(name).max_deg, unit="deg", limit=GOAL, uncertainty=uncertainty_deg
+        f"heading.{name}.max", angles.summary(name).max_deg, unit="deg", limit=GOAL, uncertainty=uncertainty_deg
     )
 
 
@@ -121,10 +121,10 @@ PASS, CANNOT_TELL, FAIL = Outcome.PASS, Outcome.CANNOT_TELL, Outcome.FAIL
 def test_an_operator_off_by_a_half_leaves_a_verdict_and_one_off_by_two_leaves_none_that_is_wrong(
     calibrated: Board, hands_rig: Rig, error_deg: Error, good: Outcome, turned: Outcome
 ) -> None:
-    found = measured_by(calibrated, hands_rig, error_deg)
-    told = {name: verdict(hands_rig, found, name) for name in SLOTS}
-    assert {name: each.outcome for name, each in told.items()} == {"direct": good, "turned": turned}, told
-    assert all(each.uncertainty == PROTRACTOR_DEG for each in told.values())
+    result = measured_by(calibrated, hands_rig, error_deg)
+    messages = {name: verdict(hands_rig, result, name) for name in SLOTS}
+    assert {name: message.outcome for name, message in messages.items()} == {"direct": good, "turned": turned}, messages
+    assert all(message.uncertainty == PROTRACTOR_DEG for message in messages.values())
 
 
 def test_a_table_that_turns_by_itself_is_held_against_its_limit_alone(bench_rig: Rig, hands_rig: Rig) -> None:

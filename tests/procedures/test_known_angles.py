@@ -126,8 +126,8 @@ def test_a_heading_that_the_board_refuses_says_at_which_pose(
 def test_more_than_the_board_can_do_is_refused_by_name(
     virtual_board: Board, simulated_turntable: Turntable, tumble: Tumble
 ) -> None:
-    there = ", ".join(virtual_board.identity.calibrators)
-    with pytest.raises(CalibrationError, match=f"no calibrator magic; it has {there}"):
+    target = ", ".join(virtual_board.identity.calibrators)
+    with pytest.raises(CalibrationError, match=f"no calibrator magic; it has {target}"):
         run_calibrators(virtual_board, tumble, calibrators=["magic"])
     with pytest.raises(CalibrationError, match="16 calibrations; the board has 15 slots"):
         run_calibrators(virtual_board, tumble, calibrators=[f"direct@{n}" for n in range(20, 36)])
@@ -144,7 +144,7 @@ def test_a_rotated_soft_iron_leaves_a_good_residual_and_a_bad_heading(bench_rig:
     with open_board(rotated) as board:
         table = open_turntable(board, uncertainty_deg=0.1)
         run = run_calibrators(board, collect_tumble(board, table, points=100), calibrators=["direct"])["direct"]
-        found = measure_known_angles(
+        known_angles = measure_known_angles(
             board,
             table,
             poses=rotated.procedure.known_angle_poses("level"),
@@ -154,7 +154,7 @@ def test_a_rotated_soft_iron_leaves_a_good_residual_and_a_bad_heading(bench_rig:
     assert run.residual_percent < 1.5 * run.residual_predicted_percent
     assert run.rotation_left_deg == pytest.approx(3.0, abs=0.6)  # 3 degrees by construction, noise beside it
     # 3 degrees about x turn the vertical field into y: 3 tan(62 degrees) = 5.6 degrees of heading at most.
-    assert 4.0 < found.summary("direct").max_deg < 7.5
+    assert 4.0 < known_angles.summary("direct").max_deg < 7.5
 
 
 def _about_x(angle_deg: float) -> np.ndarray:
@@ -187,17 +187,17 @@ def test_headings_on_both_sides_of_north_err_by_little(
     assert bench_rig.mounting is not None
     yaw_deg = bench_rig.mounting.yaw_deg
     around_north = [Pose(360.0 - yaw_deg + offset) for offset in (-1.5, -0.7, 0.0, 0.7, 1.5)]
-    found = measure_known_angles(
+    known_angles = measure_known_angles(
         virtual_board,
         simulated_turntable,
         poses=around_north,
         slots={"direct": runs["direct"].slot},
         mounting_yaw_deg=yaw_deg,
     )
-    assert np.allclose(found.reference_deg, [358.5, 359.3, 0.0, 0.7, 1.5])
-    answers = found.heading_deg["direct"]
+    assert np.allclose(known_angles.reference_deg, [358.5, 359.3, 0.0, 0.7, 1.5])
+    answers = known_angles.heading_deg["direct"]
     assert answers.min() < 2.5 < 357.5 < answers.max()
-    errors = found.error_deg["direct"]
-    assert np.allclose(np.mod(found.reference_deg + errors, 360.0), answers)
+    errors = known_angles.error_deg["direct"]
+    assert np.allclose(np.mod(known_angles.reference_deg + errors, 360.0), answers)
     assert np.abs(errors).max() < 1.8  # the rig's limit
-    assert found.summary("direct").max_deg == np.abs(errors).max()
+    assert known_angles.summary("direct").max_deg == np.abs(errors).max()

@@ -53,7 +53,7 @@ class Hand:
     @property
     def poses(self) -> list[int]:
         """Numbers of the poses that were asked for."""
-        return [int(found[1]) for each in self.asked if (found := re.search(r"pose (\d+): turn", each))]
+        return [int(match[1]) for request in self.asked if (match := re.search(r"pose (\d+): turn", request))]
 
 
 def opened(rig: Rig, **more: object) -> Board:
@@ -74,26 +74,26 @@ def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a
     compass: Board,
 ) -> None:
     hand = Hand(compass, looks=3)
-    found = measured(compass, hand)
+    result = measured(compass, hand)
     assert hand.poses == [1, 2, 3]
-    assert (found.skipped, found.not_measured) == ((), "")
-    assert found.reference_deg.tolist() == [1.7, 91.7, 181.7]  # the mounting is 1.7
+    assert (result.skipped, result.not_measured) == ((), "")
+    assert result.reference_deg.tolist() == [1.7, 91.7, 181.7]  # the mounting is 1.7
     first, _, then = hand.beside[:3]
     assert re.fullmatch(r"board \d+\.\d deg, moving; 0 of 3", first)  # with nothing before it nothing is known
     assert re.fullmatch(r"board \d+\.\d deg, still; 0 of 3", then)
     assert re.fullmatch(r"board \d+\.\d deg, still; 2 of 3, \d+ s left", hand.beside[8])
-    assert float(then.split()[1]) == pytest.approx(found.heading_deg["firmware"][0], abs=2.0)  # noise of three lines
+    assert float(then.split()[1]) == pytest.approx(result.heading_deg["firmware"][0], abs=2.0)  # noise of three lines
     assert "A stopped run starts again" in hand.asked[0]
 
 
 def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: Board) -> None:
     hand = Hand(compass, "", "r", "1.5", "s", "b", "s", "", "")
-    found = measured(compass, hand)
+    result = measured(compass, hand)
     assert hand.poses == [1, 2, 1, 2, 3, 2, 3]
-    assert found.poses == (POSES[0], POSES[2])
-    assert found.reference_deg.tolist() == pytest.approx([3.2, 181.7])  # the second time the operator said 1.5
-    assert found.skipped == (POSES[1],)
-    assert found.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
+    assert result.poses == (POSES[0], POSES[2])
+    assert result.reference_deg.tolist() == pytest.approx([3.2, 181.7])  # the second time the operator said 1.5
+    assert result.skipped == (POSES[1],)
+    assert result.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
 
 
 def test_an_operator_who_skips_everything_or_stops_ends_it_with_what_becomes_of_the_run(compass: Board) -> None:
@@ -115,11 +115,11 @@ def test_a_board_that_still_turns_is_not_taken_until_it_stands(compass: Board) -
             compass.sleep(_BEGUN_S)
 
     hand = Hand(compass, then=let_go_late)
-    found = measured(compass, hand, POSES[:1])
+    result = measured(compass, hand, POSES[:1])
     assert len(hand.asked) == 2  # the pose, and the end
-    there = compass.output.observe(1.0)[-1].values[Quantity.HEADING][0]
-    assert 60.0 < there < 120.0, "it did turn"
-    assert found.heading_deg["firmware"][0] == pytest.approx(there, abs=1.5)  # noise of one line
+    target = compass.output.observe(1.0)[-1].values[Quantity.HEADING][0]
+    assert 60.0 < target < 120.0, "it did turn"
+    assert result.heading_deg["firmware"][0] == pytest.approx(target, abs=1.5)  # noise of one line
 
 
 @pytest.mark.parametrize("says_vectors", [True, False])
@@ -139,14 +139,14 @@ def test_a_board_that_never_stands_is_asked_for_again_where_its_vectors_show_it(
             board.sleep(_BEGUN_S)
 
     hand = Hand(board, then=turn_on, looks=2)
-    found = measured(board, hand, POSES[:1])
+    result = measured(board, hand, POSES[:1])
     if says_vectors:
         assert re.match(r"the board is not still: the field changed by \d+\.\d uT\. pose 1: ", hand.asked[1])
-        assert found.unsettled == 0
+        assert result.unsettled == 0
     else:
         assert len(hand.asked) == 2
-        assert found.unsettled == 1
-        assert all(", moving; 1 of 1" in each for each in hand.beside[2:]), "by its heading"
+        assert result.unsettled == 1
+        assert all(", moving; 1 of 1" in item for item in hand.beside[2:]), "by its heading"
         board.close()
 
 
@@ -154,7 +154,7 @@ def test_nothing_is_heard_beside_a_question_while_a_run_is_recorded(tmp_path: Pa
     recorder = Recorder(tmp_path / "run.jsonl", {})
     with opened(replace(RIG, cycles={}), tape=recorder) as board:
         hand = Hand(board, looks=1)
-        found = measured(board, hand, POSES[:1])
+        result = measured(board, hand, POSES[:1])
         recorder.end()
-    assert len(found.held) == 1
+    assert len(result.held) == 1
     assert hand.beside == []

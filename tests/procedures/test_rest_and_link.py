@@ -73,8 +73,8 @@ def test_each_damaged_frame_is_one_damaged_frame() -> None:
     frames = damaged_frames()
     assert len(set(frames)) == len(frames) >= 8
     for wire in frames:
-        (found,) = FrameDecoder().feed(wire)
-        assert isinstance(found, DamagedFrame)
+        (result,) = FrameDecoder().feed(wire)
+        assert isinstance(result, DamagedFrame)
 
 
 def test_the_firmware_keeps_the_link_s_word(virtual_board: Board) -> None:

@@ -36,7 +36,7 @@ def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "kept"),
+    ("message", "stored"),
     [
         ([10.0, 10.5, 200.0, 10.2, 10.1], [10.0, 10.5, 10.2, 10.1]),
         ([359.0, 1.0, 180.0], [359.0, 1.0]),
@@ -46,8 +46,8 @@ def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
         ([10.0, 200.0, 10.0], []),  # which of them is right nothing says
     ],
 )
-def test_a_heading_counts_where_a_neighbour_confirms_it(said: list[float], kept: list[float]) -> None:
-    assert confirmed(said, [False] * len(said)) == kept
+def test_a_heading_counts_where_a_neighbour_confirms_it(message: list[float], stored: list[float]) -> None:
+    assert confirmed(message, [False] * len(message)) == stored
 
 
 def test_a_heading_with_a_right_check_value_needs_no_neighbour_and_is_one() -> None:

@@ -70,9 +70,9 @@ def test_the_board_fits_its_faces_as_the_reference_does_and_is_held_against_the_
     assert [pose.face for pose in poses] == list(FACES)
     assert np.array_equal(run.counts, [pose.accelerometer for pose in poses])
     assert [pose.readings for pose in poses] == [64] * 6
-    wanted = fit_six_position(poses)
-    assert np.allclose(run.fit.gain, wanted.fit.gain, rtol=1e-6)
-    assert run.solution.residual_mg == pytest.approx(wanted.residual_mg, abs=1e-3)
+    expected = fit_six_position(poses)
+    assert np.allclose(run.fit.gain, expected.fit.gain, rtol=1e-6)
+    assert run.solution.residual_mg == pytest.approx(expected.residual_mg, abs=1e-3)
     # Six faces within 0.1 degree; simulated 0.067 and 0.36 in the 99th percentile, 0.071 and 0.55 at most.
     assert run.axis_error_deg is not None
     assert run.offset_error_mg is not None

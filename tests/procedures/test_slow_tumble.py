@@ -18,7 +18,7 @@ HAND_S = 20.0
 
 
 @pytest.fixture(scope="module")
-def told() -> list[str]:
+def coverages() -> list[str]:
     return []
 
 
@@ -29,7 +29,7 @@ def board(bench_rig: Rig) -> Iterator[Board]:
 
 
 @pytest.fixture(scope="module")
-def by_hand(board: Board, told: list[str]) -> Tumble:
+def by_hand(board: Board, coverages: list[str]) -> Tumble:
     """Points of a virtual board that somebody turns as slowly as a hand does."""
     assert board.stage is not None
     stage, turned = board.stage, iter(np.linspace(-89.0, 89.0, POINTS))
@@ -41,7 +41,11 @@ def by_hand(board: Board, told: list[str]) -> Tumble:
 
     table = OperatorTurntable(prompt=lambda _: "", uncertainty_deg=0.5, tumble_s=HAND_S)
     return collect_tumble(
-        board, table, points=POINTS, progress=lambda what, done, of: told.append(f"{what} {done}/{of}"), sleep=turn_on
+        board,
+        table,
+        points=POINTS,
+        progress=lambda case, done, of: coverages.append(f"{case} {done}/{of}"),
+        sleep=turn_on,
     )
 
 
@@ -56,8 +60,8 @@ def test_the_first_points_are_spread_over_all_of_the_turn(by_hand: Tumble) -> No
 
 def test_the_board_holds_the_points_in_that_order_for_every_calibrator(board: Board, by_hand: Tumble) -> None:
     back = [board.session.request(Points(first, 50)) for first in (0, 50, 100)]
-    assert np.array_equal(np.concatenate([each.magnetometer for each in back]), by_hand.points)
-    assert np.array_equal(np.concatenate([each.accelerometer for each in back]), by_hand.accelerometer)
+    assert np.array_equal(np.concatenate([pose.magnetometer for pose in back]), by_hand.points)
+    assert np.array_equal(np.concatenate([pose.accelerometer for pose in back]), by_hand.accelerometer)
     for run in run_calibrators(board, by_hand, calibrators=["direct", "iterative"], n=100).values():
         assert not run.is_sphere
         # Noise alone: its rms scatters by 7 %; 30 % are four sigma.
@@ -70,14 +74,14 @@ def test_the_board_can_hold_them_as_they_were_taken_and_then_as_before(board: Bo
 
     with held_as_taken(board, by_hand):
         # The field along x is that of the pitch at which each was taken; soft iron and noise are 3 % of it.
-        wanted = np.cos(np.radians(62.0 + np.linspace(-89.0, 89.0, POINTS)))
-        assert np.corrcoef(held()[:, 0], wanted)[0, 1] > 0.995
+        expected = np.cos(np.radians(62.0 + np.linspace(-89.0, 89.0, POINTS)))
+        assert np.corrcoef(held()[:, 0], expected)[0, 1] > 0.995
     assert np.array_equal(held(), by_hand.points)
 
 
-def test_the_coverage_is_told_while_the_board_is_turned(by_hand: Tumble, told: list[str]) -> None:
-    assert len(told) == 15
-    assert told[0].endswith(" of the sphere 10/150")
-    seen = [int(line.split()[1]) for line in told]
+def test_the_coverage_is_told_while_the_board_is_turned(by_hand: Tumble, coverages: list[str]) -> None:
+    assert len(coverages) == 15
+    assert coverages[0].endswith(" of the sphere 10/150")
+    observations = [int(line.split()[1]) for line in coverages]
     # After a third nothing was seen yet of the nose up.
-    assert seen[4] < 60 < seen[-1]
+    assert observations[4] < 60 < observations[-1]

@@ -91,11 +91,11 @@ def test_steps_that_were_not_the_last_that_were_timed_have_no_band(virtual_board
     reply = virtual_board.session.request(StreamFeed("direct-stream", 0, 5))
     assert reply.costs is not None
     cycles, overhead = [cost.cycles for cost in reply.costs], reply.costs[0].overhead_cycles
-    for wrong, known in ((cycles, True), ([*cycles[:-1], 1], False), ([7] * 200, False)):
+    for wrong, reference in ((cycles, True), ([*cycles[:-1], 1], False), ([7] * 200, False)):
         steps = virtual_board.timed_steps()
         assert steps is not None
         steps.add(wrong, overhead)
-        assert (steps.band() is not None) is known
+        assert (steps.band() is not None) is reference
 
 
 def test_points_are_taken_back_exactly_where_that_can_be(virtual_board: Board, runs: dict[str, StreamRun]) -> None:

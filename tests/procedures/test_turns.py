@@ -53,22 +53,22 @@ def table(board: Board) -> Turntable:
 
 
 def test_three_turns_find_scale_and_axes_of_the_world(board: Board, table: Turntable) -> None:
-    found = turns_about(board, table, *Axis)
+    result = turns_about(board, table, *Axis)
     truth = board.truth
     assert truth is not None
-    for each in found:
+    for item in result:
         # With rests of 2 s a turn is known to 0.09 deg rms on each axis: 0.025 % and 0.014 deg; four sigma.
-        assert abs(each.scale_error_percent(truth.gyroscope_response)) < 0.1
-        assert each.misalignment_deg(truth.gyroscope_response) < 0.06
-        assert each.bias_error_dps < 0.1 < each.uncorrected_error_dps
-    assert [each.sensitivity_error_percent for each in found] == pytest.approx([1.2, -1.47, 1.8], abs=0.15)
-    fitted = fit_on_board(board, found, uncertainty_deg=0.1)
+        assert abs(item.scale_error_percent(truth.gyroscope_response)) < 0.1
+        assert item.misalignment_deg(truth.gyroscope_response) < 0.06
+        assert item.bias_error_dps < 0.1 < item.uncorrected_error_dps
+    assert [item.sensitivity_error_percent for item in result] == pytest.approx([1.2, -1.47, 1.8], abs=0.15)
+    fitted = fit_on_board(board, result, uncertainty_deg=0.1)
     assert np.allclose(fitted.fit.matrix, truth.gyroscope_matrix, atol=0.001 * 0.0625)
     assert fitted.residual_deg == pytest.approx(0.0, abs=1e-4)  # three turns are met exactly, in float32
     assert fitted.cost is not None
     held = board.session.request(GetGyroscope())
     assert np.array_equal(held.matrix, fitted.fit.matrix)
-    assert np.allclose(held.bias, found[-1].after.rate.mean, rtol=1e-6)
+    assert np.allclose(held.bias, result[-1].after.rate.mean, rtol=1e-6)
     # What the calibrated gyroscope makes of a turn that it was not fitted to.
     (back,) = turns_about(board, table, Axis.Y, degrees=-360.0)
     assert np.linalg.norm(held.matrix @ back.turn.integral - back.turn.turned_deg) < 0.72  # 0.2 %; two turns' noise
@@ -92,8 +92,8 @@ def test_what_the_board_made_of_the_turns_is_judged_and_not_the_turns(axis: Axis
 
 
 def test_stated_uncertainties_are_those_of_noise_and_table(board: Board, table: Turntable) -> None:
-    found = turns_about(board, table, *Axis)
-    exact, worse = (fit_on_board(board, found, uncertainty_deg=each) for each in (0.0, 0.5))
+    result = turns_about(board, table, *Axis)
+    exact, worse = (fit_on_board(board, result, uncertainty_deg=item) for item in (0.0, 0.5))
     # 25 mdps/sqrt(Hz) over 5.2 s, and the bias of two rests of 2 s.
     noise_deg = 0.025 * np.sqrt(0.5 * 5.2 * (1.0 + 5.2 / 4.0))
     assert exact.scale_uncertainty_percent == pytest.approx(100.0 * noise_deg / 360.0, rel=0.02)
@@ -258,8 +258,8 @@ def test_a_log_has_every_sample_and_the_noise_of_the_rig(board: Board, table: Tu
     log = log_gyroscope(board, seconds=5.0)
     assert log.rates_dps.shape == (1000, 3)
     assert log.rate_hz == pytest.approx(200.0, rel=1e-4)
-    found = noise_density(log.rates_dps, rate_hz=log.rate_hz)
-    assert found.together == pytest.approx(0.025, rel=5 * found.relative_uncertainty)
+    result = noise_density(log.rates_dps, rate_hz=log.rate_hz)
+    assert result.together == pytest.approx(0.025, rel=5 * result.relative_uncertainty)
     times_s = np.concatenate([chunk.times_s for chunk in log_chunks(board, samples=300)])
     # A look finds a sample up to a sixteenth of a period late.
     assert np.diff(times_s) == pytest.approx(np.full(299, 0.005), abs=0.005 / 8)
@@ -268,6 +268,6 @@ def test_a_log_has_every_sample_and_the_noise_of_the_rig(board: Board, table: Tu
 def test_a_rest_of_the_declared_noise_is_still_and_one_of_a_noisier_part_is_not(bench_rig: Rig) -> None:
     # The board's own: a rig that declares so much less than its world has is refused.
     quieter = replace(Declared.of(bench_rig), gyroscope_density_dps=0.008)
-    told = "gyroscope_noise_mdps_per_rthz in the rig"
-    with VirtualBoard(VirtualBench(bench_rig), declared=quieter) as board, pytest.raises(BoardMovedError, match=told):
+    answer = "gyroscope_noise_mdps_per_rthz in the rig"
+    with VirtualBoard(VirtualBench(bench_rig), declared=quieter) as board, pytest.raises(BoardMovedError, match=answer):
         rest_gyroscope(board, seconds=2.0)

@@ -88,11 +88,13 @@ def test_the_simulated_table_sways_while_the_clock_goes_on(
     began_s = virtual_board.now_s()
     takes_s = simulated_turntable.sway()
     assert virtual_board.now_s() == began_s  # what the board sees of it is for it to say
-    seen = [virtual_board.true_attitude(round(1e6 * (began_s + after_s))) for after_s in (0.0, 9.0, takes_s + 0.1)]
-    assert seen[0] == Pose(pytest.approx(1.7), 0.0, 0.0)
-    assert seen[1] is not None
-    assert max(abs(seen[1].pitch_deg), abs(seen[1].roll_deg)) > 5.0
-    assert seen[2] == Pose(pytest.approx(181.7), pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=1e-9))
+    observations = [
+        virtual_board.true_attitude(round(1e6 * (began_s + after_s))) for after_s in (0.0, 9.0, takes_s + 0.1)
+    ]
+    assert observations[0] == Pose(pytest.approx(1.7), 0.0, 0.0)
+    assert observations[1] is not None
+    assert max(abs(observations[1].pitch_deg), abs(observations[1].roll_deg)) > 5.0
+    assert observations[2] == Pose(pytest.approx(181.7), pytest.approx(0.0, abs=1e-9), pytest.approx(0.0, abs=1e-9))
     virtual_board.sleep(takes_s + 0.1)
     simulated_turntable.rest()
 

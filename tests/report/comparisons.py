@@ -26,7 +26,7 @@ NEW = replace(BASE, file="", sha256="", build_id="fedcba9876543210", saved_utc="
 def difference(name: str, change: Change, base: float | None, new: float | None, **more: object) -> Difference:
     """Return a difference with its delta worked out."""
     delta = None if base is None or new is None else new - base
-    made = Difference(
+    result = Difference(
         name=name,
         unit="deg",
         change=change,
@@ -41,13 +41,13 @@ def difference(name: str, change: Change, base: float | None, new: float | None,
         outcome="pass",
         cycle_model="",
     )
-    return replace(made, **more)  # type: ignore[arg-type]
+    return replace(result, **more)  # type: ignore[arg-type]
 
 
 def comparison(*differences: Difference, obstacles: tuple[str, ...] = ()) -> Comparison:
     """Return a comparison of all kinds of changes, or of those given."""
     cycles = {"unit": "cycle", "tolerance": EXACT, "limit": Limit(max=12_500), "cycle_model": MODEL}
-    made = differences or (
+    result = differences or (
         difference("cycles.direct.total", Change.WORSE, 11_061, 11_161, **cycles),
         difference("fit.direct.residual", Change.UNCHANGED, 0.80, 0.81),
         difference("fusion.kalman.max", Change.GONE, 1.2, None, limit=None, outcome=""),
@@ -58,7 +58,7 @@ def comparison(*differences: Difference, obstacles: tuple[str, ...] = ()) -> Com
     return Comparison(
         BASE,
         NEW,
-        tuple(sorted(made, key=lambda each: each.name)),
+        tuple(sorted(result, key=lambda item: item.name)),
         obstacles,
         "1 of 6 measurements got worse: cycles.direct.total 11 061 -> 11 161 cycles.",
     )

@@ -27,13 +27,13 @@ def unfolded(page: str) -> str:
 
 def test_verdict_comparison_and_what_missed_come_before_the_rest() -> None:
     page = campaign_markdown(verdict("fail", "1 of 3 seeds pass: FAIL."), SEEDS, SPREADS, comparison())
-    seen = unfolded(page)
-    assert seen.startswith("# FAIL\n\n1 of 3 seeds pass: FAIL.\n")
-    assert "| worse | cycles.direct.total | 11 061 cycle |" in seen
-    assert "| 2 | 1 | FAIL: 2.1 deg. |" in seen
-    assert "| heading.direct.max | 3 | 0.5 | 0.9 | 2.1 | deg | 2 |" in seen
-    assert "| 1 | 0 | PASS. |" not in seen
-    assert "tumble.points" not in seen
+    observed = unfolded(page)
+    assert observed.startswith("# FAIL\n\n1 of 3 seeds pass: FAIL.\n")
+    assert "| worse | cycles.direct.total | 11 061 cycle |" in observed
+    assert "| 2 | 1 | FAIL: 2.1 deg. |" in observed
+    assert "| heading.direct.max | 3 | 0.5 | 0.9 | 2.1 | deg | 2 |" in observed
+    assert "| 1 | 0 | PASS. |" not in observed
+    assert "tumble.points" not in observed
     assert "| 1 | 0 | PASS. |" in page
     assert "| tumble.points | 3 | 300 | 300 | 300 |  |  |" in page
 

@@ -34,9 +34,12 @@ IN_WORDS = f"11 900 to 13 050 by uncertain rows of the cycle model, {MOST}"
 
 
 def run_of(findings: Make, good: list[Measurement]) -> Run:
-    measured = [replace(each, band=BAND) if each.name == "cycles.direct.total" else each for each in good]
-    made = findings(*measured)
-    return made.finish(decide(made, pytest_exit=0, left_out=[], cut_short=False), "2026-01-02T03:04:06Z")
+    measured = [
+        replace(measurement, band=BAND) if measurement.name == "cycles.direct.total" else measurement
+        for measurement in good
+    ]
+    run = findings(*measured)
+    return run.finish(decide(run, pytest_exit=0, left_out=[], cut_short=False), "2026-01-02T03:04:06Z")
 
 
 def test_the_record_keeps_it_and_gives_it_back(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
@@ -44,7 +47,9 @@ def test_the_record_keeps_it_and_gives_it_back(findings: Make, good: list[Measur
     read = read_record(write_run(run, tmp_path)).run
     assert read.measurement("cycles.direct.total") == run.measurement("cycles.direct.total")
     (written,) = (
-        each for each in json.loads((tmp_path / "run.json").read_text())["measurements"] if each["band"] is not None
+        measurement
+        for measurement in json.loads((tmp_path / "run.json").read_text())["measurements"]
+        if measurement["band"] is not None
     )
     assert written["band"] == {
         "low": 11_900,
@@ -58,8 +63,8 @@ def test_the_record_keeps_it_and_gives_it_back(findings: Make, good: list[Measur
 
 def test_a_record_from_before_there_were_bands_is_read(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
     content = json.loads(write_run(run_of(findings, good), tmp_path).read_text())
-    for each in content["measurements"]:
-        del each["band"]
+    for number in content["measurements"]:
+        del number["band"]
     (tmp_path / "run.json").write_text(json.dumps(content), encoding="utf-8")
     assert all(measurement.band is None for measurement in read_record(tmp_path / "run.json").run.measurements)
 
@@ -73,7 +78,7 @@ def test_a_measurement_comes_back_from_another_process_with_it() -> None:
 
 def test_every_report_shows_it_beside_the_count(findings: Make, good: list[Measurement], tmp_path: Path) -> None:
     run = run_of(findings, good)
-    (row,) = (each for each in accuracy_and_cost(run).rows if each.name == "direct")
+    (row,) = (row for row in accuracy_and_cost(run).rows if row.name == "direct")
     assert [cell.note for cell in row.cells if cell.text == "12 400"] == ["11 900 to 13 050"]
     page = html_report(run).replace("\N{NO-BREAK SPACE}", " ")
     assert "<small>11 900 to 13 050</small>" in page
@@ -93,17 +98,17 @@ def test_a_count_that_keeps_its_limit_only_as_it_was_counted_says_so_and_passes(
     def judged(most: float) -> Run:
         """Judge the count against a limit."""
         total = check("cycles.direct.total", 12_400, unit="cycle", cycle_model=MODEL, limit=Limit(max=most), band=BAND)
-        made = findings(*(total if each.name == total.name else each for each in good))
+        made = findings(*(total if measurement.name == total.name else measurement for measurement in good))
         return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
 
     remark = "may exceed the limit within the model's uncertainty"
-    for run, told in ((judged(13_000), True), (judged(13_050), False), (judged(12_399), False)):
+    for run, answer in ((judged(13_000), True), (judged(13_050), False), (judged(12_399), False)):
         assert (run.verdict.exit_code == 0) is (run.measurement("cycles.direct.total").outcome is Outcome.PASS)
         printed = summary(run, tmp_path, verbose=False, width=100, colour=False)
-        assert ("cycles.direct.total 12 400 cycles (11 900 to 13 050), limit 13 000" in printed) is told
+        assert ("cycles.direct.total 12 400 cycles (11 900 to 13 050), limit 13 000" in printed) is answer
         page = unescape(html_report(run)).replace("\N{NO-BREAK SPACE}", " ")
-        assert (f"<small>11 900 to 13 050: {remark}</small>" in page) is told
-        assert (f"12 400 (11 900 to 13 050: {remark})" in markdown_report(run)) is told
+        assert (f"<small>11 900 to 13 050: {remark}</small>" in page) is answer
+        assert (f"12 400 (11 900 to 13 050: {remark})" in markdown_report(run)) is answer
 
 
 def test_a_count_that_nothing_uncertain_enters_says_so() -> None:
@@ -149,16 +154,16 @@ EFFECT = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
 def test_no_choice_of_ends_of_the_rows_makes_a_ratio_outside_and_two_make_its_ends(
     value: int, other: int, effects: list[tuple[tuple[int, int], tuple[int, int]]]
 ) -> None:
-    found = ratio_range(
+    result = ratio_range(
         *(
             counted(
                 count,
                 CycleRange(
-                    count + sum(min(0, *each[side]) for each in effects),
-                    count + sum(max(0, *each[side]) for each in effects),
+                    count + sum(min(0, *item[side]) for item in effects),
+                    count + sum(max(0, *item[side]) for item in effects),
                     tuple(
-                        RowEffect(f"row{index}", *(count + by for by in each[side]))
-                        for index, each in enumerate(effects)
+                        RowEffect(f"row{index}", *(count + by for by in item[side]))
+                        for index, item in enumerate(effects)
                     ),
                 ),
             )
@@ -169,7 +174,7 @@ def test_no_choice_of_ends_of_the_rows_makes_a_ratio_outside_and_two_make_its_en
     for chosen in product((None, 0, 1), repeat=len(effects)):  # where it is, and at either end
         ends = [(over[at], under[at]) for (over, under), at in zip(effects, chosen, strict=True) if at is not None]
         ratios.append((value + sum(over for over, _ in ends)) / (other + sum(under for _, under in ends)))
-    assert found == (min(ratios), max(ratios))
+    assert result == (min(ratios), max(ratios))
 
 
 def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
@@ -180,7 +185,10 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
         check(name, value, unit="cycle", cycle_model="m", information=Limit(max=most))
         for name, (value, most) in shown.items()
     ]
-    measured = [replace(each, band=BAND) if each.name == "cycles.direct.total" else each for each in good]
+    measured = [
+        replace(measurement, band=BAND) if measurement.name == "cycles.direct.total" else measurement
+        for measurement in good
+    ]
     made = findings(*measured, *lines)
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     line = (
@@ -196,16 +204,16 @@ def test_the_cost_line_has_budget_counts_what_they_reach_and_the_ratio(
 
 def test_a_budget_of_ones_own_is_not_called_the_thesis(findings: Make, good: list[Measurement]) -> None:
     lines = [
-        check(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m", information=Limit(max=most))
-        for what, value, most in (("per_point", 98.0, 150), ("fixed", 2_600.0, 2_600))
+        check(f"cycles.direct.{case}", value, unit="cycle", cycle_model="m", information=Limit(max=most))
+        for case, value, most in (("per_point", 98.0, 150), ("fixed", 2_600.0, 2_600))
     ]
-    made = findings(*good, *lines)
-    line = cost_line(made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z"))
+    run = findings(*good, *lines)
+    line = cost_line(run.finish(decide(run, pytest_exit=0), "2026-01-02T03:04:06Z"))
     assert line.startswith("Budget for 100 points 17 600 cycles; direct 12 400 ")
 
 
 def test_without_a_counted_calibrator_of_the_board_there_is_no_cost_line(
     findings: Make, good: list[Measurement]
 ) -> None:
-    made = findings(*(each for each in good if each.unit != "cycle"))
-    assert cost_line(made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")) == ""
+    run = findings(*(measurement for measurement in good if measurement.unit != "cycle"))
+    assert cost_line(run.finish(decide(run, pytest_exit=0), "2026-01-02T03:04:06Z")) == ""

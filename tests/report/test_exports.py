@@ -47,7 +47,7 @@ def check_bmf(content: Any) -> None:
             assert 0 < len(measure) <= 64
             assert metric.keys() <= {"value", "lower_value", "upper_value"}
             assert "value" in metric
-            assert all(isinstance(each, int | float) and not isinstance(each, bool) for each in metric.values())
+            assert all(isinstance(item, int | float) and not isinstance(item, bool) for item in metric.values())
             assert metric.get("lower_value", metric["value"]) <= metric["value"]
             assert metric.get("upper_value", metric["value"]) >= metric["value"]
 
@@ -88,7 +88,7 @@ def test_the_action_gets_one_sense_a_file() -> None:
         {"name": f"cycles.direct.total ({MODEL})", "unit": "cycle", "value": 11_061, "extra": "limit at most 12 500"},
         {"name": "heading.direct.bias, magnitude", "unit": "deg", "value": 0.25, "extra": "limit within ±0.7"},
     ]
-    assert [(each["name"], each["value"]) for each in larger] == [("mine.left", 5), ("tumble.coverage", 97.5)]
+    assert [(item["name"], item["value"]) for item in larger] == [("mine.left", 5), ("tumble.coverage", 97.5)]
 
 
 def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
@@ -111,7 +111,7 @@ def test_over_seeds_it_is_the_mean_with_the_smallest_and_the_largest() -> None:
 
 def test_cycles_of_two_models_have_two_names() -> None:
     other = check(TOTAL.name, 11_061, unit="cycle", cycle_model="silicon-dwt")
-    names = {each.name for run in (one(TOTAL), one(other)) for each in exported(run)}
+    names = {item.name for run in (one(TOTAL), one(other)) for item in exported(run)}
     assert names == {f"cycles.direct.total ({MODEL})", "cycles.direct.total (silicon-dwt)"}
 
 

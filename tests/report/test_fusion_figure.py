@@ -16,7 +16,7 @@ UNITS = {"time": "s", "heading": "deg", "fused": "deg", "accelerometer_magnetome
 
 
 def motion(*rows: tuple[float | None, ...]) -> Table:
-    return Table("fusion.motion", tuple(Column(*each) for each in UNITS.items()), rows)
+    return Table("fusion.motion", tuple(Column(*unit) for unit in UNITS.items()), rows)
 
 
 ROWS = ((0.0, 1.7, 0.1, -2.0, 0.1), (12.0, 270.0, 0.3, None, 0.2), (24.0, 181.7, -0.4, 1.5, 0.5))

@@ -33,10 +33,10 @@ def test_without_the_variable_nothing_is_written(tmp_path: Path, environment: di
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("there", [0, 1, 500_000, MOST_BYTES - 400])
-def test_with_what_is_there_it_stays_below_the_limit_and_says_that_it_was_cut(tmp_path: Path, there: int) -> None:
+@pytest.mark.parametrize("target", [0, 1, 500_000, MOST_BYTES - 400])
+def test_with_what_is_there_it_stays_below_the_limit_and_says_that_it_was_cut(tmp_path: Path, target: int) -> None:
     summary = tmp_path / "summary.md"
-    summary.write_bytes(b"x" * there)
+    summary.write_bytes(b"x" * target)
     remark = append_to_job_summary("| ä | row |\n" * 200_000, WHOLE, {VARIABLE: str(summary)})
     content = summary.read_bytes()
     assert MOST_BYTES - 40 < len(content) <= MOST_BYTES < 1024 * 1024

@@ -81,8 +81,8 @@ def test_a_comparison_of_nothing_says_so(run: Run) -> None:
 
 def test_hostile_texts_of_a_comparison_stay_text(run: Run) -> None:
     hostile = comparison(difference(HOSTILE, Change.WORSE, 1, 2, unit=HOSTILE, note=HOSTILE), obstacles=(HOSTILE,))
-    made = replace(hostile, sentence=HOSTILE, base=replace(hostile.base, firmware=HOSTILE, file=HOSTILE))
-    page = markdown_report(replace(run, comparison=made))
+    result = replace(hostile, sentence=HOSTILE, base=replace(hostile.base, firmware=HOSTILE, file=HOSTILE))
+    page = markdown_report(replace(run, comparison=result))
     assert "<script" not in page.replace("\\<script", "")
     rows = [line for line in page.splitlines() if line.startswith("|") and "alert" in line]
     assert {len(re.findall(r"(?<!\\)\|", line)) for line in rows} == {9, 4}, "an unescaped | would add a column"
@@ -98,11 +98,11 @@ def test_a_renderer_makes_text_of_hostile_texts_and_as_many_cells_in_every_row(r
         "&lt;&amp;",
     )
     rows = [difference(text, Change.WORSE, 1, 2, unit=text, note=text) for text in texts]
-    made = replace(comparison(*rows), sentence=" ".join(texts), obstacles=texts)
+    result = replace(comparison(*rows), sentence=" ".join(texts), obstacles=texts)
     page = (
         MarkdownIt("commonmark", {"html": True})
         .enable(["table", "strikethrough"])
-        .render(markdown_report(replace(run, comparison=made)))
+        .render(markdown_report(replace(run, comparison=result)))
     )
     tags = set(re.findall(r"<([a-z][a-z0-9]*)", page))
     assert tags <= {"h1", "h2", "p", "ul", "li", "details", "summary", "table", "thead", "tbody", "tr", "th", "td"}
@@ -144,14 +144,14 @@ def test_a_page_is_cut_at_the_end_of_a_line_with_everything_closed(
     sections: list[tuple[bool, int]], most_bytes: int
 ) -> None:
     page = page_of(sections)
-    kept = cut(page, most_bytes, "hil-out/report.md")
-    assert len(kept.encode()) <= most_bytes
+    stored = cut(page, most_bytes, "hil-out/report.md")
+    assert len(stored.encode()) <= most_bytes
     if len(page.encode()) <= most_bytes:
-        assert kept == page
+        assert stored == page
         return
-    assert kept.count("<details>") == kept.count("</details>")
-    body, _, remark = kept.rpartition("\n**Cut short")
-    if kept:
+    assert stored.count("<details>") == stored.count("</details>")
+    body, _, remark = stored.rpartition("\n**Cut short")
+    if stored:
         assert "hil-out/report.md" in remark
         lines = [line for line in body.splitlines() if line not in ("", "</details>")]
         whole = [line for line in page.splitlines() if line not in ("", "</details>")]
@@ -162,6 +162,6 @@ def test_a_page_is_cut_at_the_end_of_a_line_with_everything_closed(
 
 def test_a_page_that_is_cut_keeps_as_much_as_fits() -> None:
     page = page_of([(True, 100)])
-    kept = cut(page, 600, "r.md")
+    stored = cut(page, 600, "r.md")
     # The longest line of the page, the end of the fold and half a remark.
-    assert len(kept.encode()) > 600 - 40
+    assert len(stored.encode()) > 600 - 40

@@ -43,7 +43,7 @@ def text_of(page: str) -> str:
 
 def difference(name: str, change: Change, base: float | None, new: float | None, **more: object) -> Difference:
     delta = None if base is None or new is None else new - base
-    given = {
+    arguments = {
         "unit": "cycle",
         "sense": Better.LOWER,
         "interval": None,
@@ -54,14 +54,14 @@ def difference(name: str, change: Change, base: float | None, new: float | None,
         "cycle_model": "m",
         "note": "",
     } | more
-    return Difference(name=name, change=change, base=base, new=new, delta=delta, **given)  # type: ignore[arg-type]
+    return Difference(name=name, change=change, base=base, new=new, delta=delta, **arguments)  # type: ignore[arg-type]
 
 
 def test_streams_have_their_cycles_in_the_table_of_all_calibrators(
     findings: Make, good: list[Measurement], heading: Callable[..., list[Measurement]]
 ) -> None:
     cycles = {"cycles_mean": 246.03, "cycles_max": 255.0, "fit_cycles": 3503}
-    stream = [each for each in heading("direct-stream", 0.9, limit=1.8, cycles=1) if each.name.startswith("heading")]
+    stream = [item for item in heading("direct-stream", 0.9, limit=1.8, cycles=1) if item.name.startswith("heading")]
     run = finished(
         findings(
             *good,
@@ -101,10 +101,10 @@ def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_
     place = table.headings.index("cycles as it runs from flash")
     assert (direct[place], iterative[place]) == ("12 345", "")
     assert "in cycles by cortex-m4-trm/2@sram, as it runs from flash by m@flash" in text_of(html_report(run))
-    said = summary(run, Path("out"), verbose=False, width=100, colour=False)
-    assert "(ranked)" in said
-    assert "from flash" in said
-    (line,) = [each for each in said.splitlines() if each.startswith("direct ")]
+    answer = summary(run, Path("out"), verbose=False, width=100, colour=False)
+    assert "(ranked)" in answer
+    assert "from flash" in answer
+    (line,) = [line for line in answer.splitlines() if line.startswith("direct ")]
     assert "12 345" in line
 
 
@@ -131,9 +131,9 @@ def test_a_verdict_is_told_by_a_sign_and_a_word_and_not_by_its_colour(findings: 
 
 def test_tab_and_heading_say_what_the_page_is(run: Run) -> None:
     page = html_report(run)
-    said = "hiltest report: virtual FRDM-K64F, seed 1, rig virtual-k64f"
-    assert f"<title>{said}, PASS</title>" in page
-    assert f"<h1>{said}: <strong>" in page
+    answer = "hiltest report: virtual FRDM-K64F, seed 1, rig virtual-k64f"
+    assert f"<title>{answer}, PASS</title>" in page
+    assert f"<h1>{answer}: <strong>" in page
 
 
 def test_a_failure_stands_with_its_value_in_the_baseline_and_its_likely_cause(
@@ -182,7 +182,7 @@ def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
 
 
 @pytest.mark.parametrize(
-    ("measured", "said"),
+    ("measured", "message"),
     [
         (["heading.direct.max", "cycles.direct.float64_distance"], "; worst heading 0.89 deg"),
         (["cycles.direct.float64_distance"], "; 0.89 deg from float64 on even samples"),
@@ -190,21 +190,21 @@ def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
     ],
 )
 def test_cycles_against_points_stand_with_the_accuracy_that_they_buy(
-    findings: Make, measured: list[str], said: str
+    findings: Make, measured: list[str], message: str
 ) -> None:
     line = [
-        check(f"cycles.direct.{what}", value, unit="cycle", cycle_model="m@sram")
-        for what, value in (("per_point", 105.0), ("fixed", 1900.0))
+        check(f"cycles.direct.{case}", value, unit="cycle", cycle_model="m@sram")
+        for case, value in (("per_point", 105.0), ("fixed", 1900.0))
     ]
     accuracy = [check(name, 0.894, unit="deg") for name in measured]
     page = html_report(finished(findings(*line, *accuracy)))
-    keys = [text_of(f"<body>{each}") for each in re.findall("<li>(.*?)</li>", page)]
-    assert {f"direct: 105.0 n + 1 900{said}", "iterative: cycles"} <= set(keys)
+    keys = [text_of(f"<body>{match}") for match in re.findall("<li>(.*?)</li>", page)]
+    assert {f"direct: 105.0 n + 1 900{message}", "iterative: cycles"} <= set(keys)
 
 
 def test_what_has_no_data_is_left_out_and_the_contents_agree(run: Run) -> None:
-    for each in (run, replace(run, tables=()), replace(run, tables=(), measurements=())):
-        page = html_report(each)
+    for item in (run, replace(run, tables=()), replace(run, tables=(), measurements=())):
+        page = html_report(item)
         anchors = re.findall(r'<li><a href="#([^"]*)"', page)
         identifiers = re.findall(r' id="([^"]*)"', page)
         assert set(anchors) <= set(identifiers)

@@ -107,15 +107,15 @@ def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:
 
 def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
     page = html_report(run)
-    told = re.findall(r'<svg [^>]*role="img"><title>([^<]*)</title><desc>([^<]*)</desc>', page)
-    assert len(told) == page.count('role="img"') >= 8
-    words = dict(told)
+    matches = re.findall(r'<svg [^>]*role="img"><title>([^<]*)</title><desc>([^<]*)</desc>', page)
+    assert len(matches) == page.count('role="img"') >= 8
+    words = dict(matches)
     assert words["direct: worst +0.97° at 90°"] == "60 poses, limit 1.8 degrees"
     sizes = words["Cycles of one calibration over its points"]
     assert "iterative: 43 000 cycles for 20 points to 603 000 for 300" in sizes
     assert words["after direct"] == "200 samples seen along z, with the unit circle"
     # What is drawn for the eye alone says nothing to a screen reader.
-    assert page.count("<svg") == len(told) + page.count('class="swatch"')
+    assert page.count("<svg") == len(matches) + page.count('class="swatch"')
     assert page.count('class="swatch"') == page.count('aria-hidden="true"') - 1
 
 
@@ -157,13 +157,13 @@ def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:
     table = run.table("heading.poses")
     assert table is not None
     holes = replace(table, rows=tuple((*row[:4], None, None, None) for row in table.rows))
-    tables = tuple(holes if each.name == "heading.poses" else each for each in run.tables)
+    tables = tuple(holes if table.name == "heading.poses" else table for table in run.tables)
     assert "no pose was answered" in html_report(replace(run, tables=tables))
 
 
 def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
     write_reports(run, tmp_path)
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["report.html", "report.md"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.md"]
 
 
 def test_the_terminal_begins_with_the_verdict_and_ends_with_where_the_report_is(run: Run, tmp_path: Path) -> None:
@@ -188,14 +188,14 @@ def test_the_smallest_change_that_a_comparison_sees_stands_beside_each_limit(run
     assert "heading.direct.max 0.97 deg at most 1.8 pass 0.01" in Page(html_report(run)).text
     assert run.board is not None
     bench = replace(run, board=replace(run.board, kind="real"))
-    (seen,) = re.findall(r"\| heading\.direct\.max \| .* at most 1\.8, change (\S+) \|", markdown_report(bench))
-    assert 0.5 < float(seen) < 1.8
+    (match,) = re.findall(r"\| heading\.direct\.max \| .* at most 1\.8, change (\S+) \|", markdown_report(bench))
+    assert 0.5 < float(match) < 1.8
 
 
 def test_a_failing_run_begins_with_what_failed_and_what_to_do_next(
     findings: Make, heading: Callable[..., list[Measurement]], tmp_path: Path
 ) -> None:
-    bad = [replace(each, place="test_heading.py:74") for each in heading("direct", 6.3, limit=1.8, cycles=12_400)]
+    bad = [replace(item, place="test_heading.py:74") for item in heading("direct", 6.3, limit=1.8, cycles=12_400)]
     warm = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), place="test_gyroscope.py:9")
     made = findings(*bad, warm)
     text = summary(made.finish(decide(made, pytest_exit=1), ""), tmp_path, verbose=False, width=80, colour=False)
@@ -247,7 +247,7 @@ def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_
     assert "direct ends at 0.70 degrees for 4 600 cycles; iterative ends at 0.70 degrees for 90 000" in drawing
     assert "thesis: 168 N + 2600 = 7 640" in drawing
     assert "thesis: 2860 N = 85 800" in drawing
-    assert [each.text for each in thirty.key] == ["direct", "iterative", "slow-stream: none yet"]
+    assert [item.text for item in thirty.key] == ["direct", "iterative", "slow-stream: none yet"]
     assert "slow-stream has no calibration after 12 000 cycles" in drawing
     # An effort without a calibration is no point; the others are: two, and one of another shape.
     # A sphere that stands in for a refused ellipsoid is hollow.

@@ -56,10 +56,10 @@ def line_of(path, text):
 
 def test_the_tables_make_the_worlds_disturbances(with_tables):
     rig = with_tables(CURRENT + PASSING + CABLE)
-    found = build_world(rig).disturbances
-    assert found.current.current_a(45.25) == 4.0
-    assert found.passing.field_ned_ut(70.0) == rig.world.passing.in_world().field_ned_ut(70.0) != (0.0, 0.0, 0.0)
-    assert found.cable.field_ut(79.0) == (0.0, 0.0, 0.0) != found.cable.field_ut(85.0)
+    disturbances = build_world(rig).disturbances
+    assert disturbances.current.current_a(45.25) == 4.0
+    assert disturbances.passing.field_ned_ut(70.0) == rig.world.passing.in_world().field_ned_ut(70.0) != (0.0, 0.0, 0.0)
+    assert disturbances.cable.field_ut(79.0) == (0.0, 0.0, 0.0) != disturbances.cable.field_ut(85.0)
     assert list(rig.world.disturbances) == ["current", "passing", "cable"]
 
 
@@ -67,7 +67,7 @@ def test_a_rig_without_them_has_none_and_the_same_conditions_as_ever(with_tables
     rig = with_tables("")
     assert build_world(rig).disturbances is None
     assert conditions_sha256(rig) == conditions_sha256(load_rig(DEFAULT))
-    assert len({conditions_sha256(with_tables(each)) for each in ("", CURRENT, PASSING, CABLE)}) == 4
+    assert len({conditions_sha256(with_tables(item)) for item in ("", CURRENT, PASSING, CABLE)}) == 4
 
 
 @pytest.mark.parametrize(
@@ -101,10 +101,10 @@ def test_a_rig_without_them_has_none_and_the_same_conditions_as_ever(with_tables
 def test_a_wrong_value_is_named_with_key_file_and_line(with_tables, tmp_path, table, old, new, key, words):
     with pytest.raises(ConfigError) as caught:
         with_tables(table, old, new)
-    said, path = str(caught.value), tmp_path / "bench.toml"
-    assert f": {'world' if key == 'world' else f'world.{key}'}" in said
-    assert words in said
-    line = re.match(re.escape(str(path)) + r":(\d+): ", said)
+    text, path = str(caught.value), tmp_path / "bench.toml"
+    assert f": {'world' if key == 'world' else f'world.{key}'}" in text
+    assert words in text
+    line = re.match(re.escape(str(path)) + r":(\d+): ", text)
     assert line
     parts = ["[world]"] if key == "world" else [key.split(".")[1], f"[world.{key.split('.')[0]}]"]
     first = path.read_text().splitlines()[int(line[1]) - 1]

@@ -22,7 +22,7 @@ def rig(folder: Path, keys: str) -> Rig:
 
 
 def test_a_string_is_a_table_with_the_file_alone(tmp_path: Path) -> None:
-    short, long = (rig(tmp_path, f"playback = {each}") for each in ('"field.csv"', '{ file = "field.csv" }'))
+    short, long = (rig(tmp_path, f"playback = {text}") for text in ('"field.csv"', '{ file = "field.csv" }'))
     assert short == long
     assert short.world is not None
     assert short.world.playback is not None

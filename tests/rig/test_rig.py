@@ -368,7 +368,7 @@ def test_the_unit_of_a_known_kind_is_its_own(edited):
 
 
 @pytest.mark.parametrize(
-    ("kind", "known", "unknown", "hint"),
+    ("kind", "reference", "unknown", "hint"),
     [
         ("magnetometer", "MAG3110", "MAG3111", "did you mean 'MAG3110'?"),
         ("magnetometer", "MAG3110", "FXAS21002C", "known: MAG3110, FXOS8700CQ magnetometer, on-board"),
@@ -376,9 +376,9 @@ def test_the_unit_of_a_known_kind_is_its_own(edited):
         ("gyroscope", "FXAS21002C", "", "known: FXAS21002C"),
     ],
 )
-def test_a_sensor_that_no_simulated_world_has_is_refused_with_its_line(edited, kind, known, unknown, hint):
+def test_a_sensor_that_no_simulated_world_has_is_refused_with_its_line(edited, kind, reference, unknown, hint):
     with pytest.raises(ConfigError, match=rf"\.toml:[1-9][0-9]*: sensors\.{kind}: no {kind} '{unknown}'; ") as caught:
-        edited(f'{kind} = "{known}"', f'{kind} = "{unknown}"')
+        edited(f'{kind} = "{reference}"', f'{kind} = "{unknown}"')
     assert hint in str(caught.value)
 
 
@@ -463,12 +463,12 @@ def test_the_harsh_rig_is_the_bench_that_the_limits_were_simulated_for():
 def test_the_judged_poses_of_the_harsh_rigs_lie_all_inside_what_is_covered_or_all_outside(name, inside):
     rig = load_rig(RIGS / f"virtual-k64f-{name}.toml")
     covered, world = rig.turntable.covered, build_world(rig)
-    seen = 0
+    observed = 0
     for pose in rig.procedure.known_angle_poses():
         field = world.at(world.turn_to(pose, time_s=0.0)).field_body_ut
         along = sum(a * b for a, b in zip(covered.axis, field, strict=True)) / math.hypot(*field)
-        seen += along / math.hypot(*covered.axis) > 1.0 - 2.0 * covered.fraction
-    assert seen == inside
+        observed += along / math.hypot(*covered.axis) > 1.0 - 2.0 * covered.fraction
+    assert observed == inside
 
 
 def test_the_variants_of_the_harsh_rig_differ_in_what_is_covered_and_what_is_judged():

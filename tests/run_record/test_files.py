@@ -29,7 +29,7 @@ def test_a_file_that_is_replaced_keeps_its_permissions_and_a_new_one_has_the_uma
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o640
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["new", "old"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "old"]
 
 
 @pytest.mark.parametrize("is_there", [True, False])
@@ -44,7 +44,7 @@ def test_a_link_is_followed_over_any_number_of_links(tmp_path: Path, is_there: b
     assert (tmp_path / "outer").is_symlink()
     assert (tmp_path / "folder" / "inner").is_symlink()
     assert target.read_text() == "new"
-    assert sorted(each.name for each in target.parent.iterdir()) == ["inner", "target"]
+    assert sorted(path.name for path in target.parent.iterdir()) == ["inner", "target"]
 
 
 def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:

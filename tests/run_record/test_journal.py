@@ -238,13 +238,13 @@ class TestFolder:
         recorder = begin()
         recorder.finish(PASSED)
         recorder.release()
-        assert [each.name for each in recorder.folder.iterdir()] == [RUN_FILE]
+        assert [path.name for path in recorder.folder.iterdir()] == [RUN_FILE]
 
     def test_a_run_that_begins_removes_the_record_of_the_last(self, tmp_path: Path, begin: Begin) -> None:
         for name in (*RECORD_FILES, f"{RUN_FILE}.4711.unfinished", "mine.txt"):
             (tmp_path / name).write_text("of an earlier run")
         begin()
-        assert sorted(each.name for each in tmp_path.iterdir()) == [JOURNAL_FILE, "mine.txt"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == [JOURNAL_FILE, "mine.txt"]
 
     def test_a_run_that_never_begins_leaves_the_record_of_the_last(self, begin: Begin) -> None:
         recorder = begin()
@@ -252,7 +252,7 @@ class TestFolder:
         recorder.release()
         before = (recorder.folder / RUN_FILE).read_bytes()
         Journal(recorder.folder).release()
-        assert [each.name for each in recorder.folder.iterdir()] == [RUN_FILE]
+        assert [path.name for path in recorder.folder.iterdir()] == [RUN_FILE]
         assert (recorder.folder / RUN_FILE).read_bytes() == before
 
     def test_a_journal_that_was_cut_short_stays_when_the_next_run_never_begins(self, cut_short: Path) -> None:
@@ -286,7 +286,7 @@ class TestFolder:
         with pytest.raises(OSError, match="full"):
             recorder.finish(PASSED)
         recorder.release()
-        assert [each.name for each in recorder.folder.iterdir()] == [JOURNAL_FILE]
+        assert [path.name for path in recorder.folder.iterdir()] == [JOURNAL_FILE]
         assert read_record(recorder.folder).run.verdict == PASSED
 
     def test_a_folder_without_any_record_is_refused(self, tmp_path: Path) -> None:

@@ -24,11 +24,11 @@ def died(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """Return the folders of runs that were killed, each one step further on than the one before; the last was not."""
     top = tmp_path_factory.mktemp("died")
     subprocess.run([sys.executable, PROGRAM, top, *request.param.split()], check=True, timeout=300)
-    return sorted(each for each in top.iterdir() if each.is_dir() and each.name != "earlier")
+    return sorted(path for path in top.iterdir() if path.is_dir() and path.name != "earlier")
 
 
-def witnessed(folder: Path, what: str) -> list[str]:
-    path = folder.with_suffix(f".{what}")
+def witnessed(folder: Path, case: str) -> list[str]:
+    path = folder.with_suffix(f".{case}")
     return path.read_text().split() if path.exists() else []
 
 
@@ -87,5 +87,5 @@ def test_the_next_run_finds_the_folder_free_and_leaves_nothing_half_written(died
     chosen = died[::10]
     subprocess.run([sys.executable, "-c", program, PROGRAM.parent, *chosen], check=True, timeout=300)
     for folder in chosen:
-        assert {each.name for each in folder.iterdir()} == set(RECORD_FILES) - {"junit.xml"}
+        assert {path.name for path in folder.iterdir()} == set(RECORD_FILES) - {"junit.xml"}
         assert set(values(read_record(folder).run).values()) == {3.0}

@@ -37,13 +37,13 @@ def test_a_run_survives_writing_and_reading(findings: Make, good: list[Measureme
 
 def test_measurements_and_tables_are_sorted_by_name(findings: Make, good: list[Measurement]) -> None:
     run = findings(*reversed(good)).finish(PASSED, "")
-    assert [measurement.name for measurement in run.measurements] == sorted(each.name for each in good)
+    assert [measurement.name for measurement in run.measurements] == sorted(measurement.name for measurement in good)
     assert [table.name for table in run.tables] == sorted(table.name for table in run.tables)
 
 
 def test_two_runs_are_byte_identical_outside_the_volatile_places(findings: Make, good: list[Measurement]) -> None:
     first = findings(*good).finish(PASSED, "2026-01-02T03:05:00Z")
-    slower = [replace(each, value=99.0) if each.volatile else each for each in good]
+    slower = [replace(measurement, value=99.0) if measurement.volatile else measurement for measurement in good]
     again = findings(*slower, tests=(replace(first.tests[0], duration_s=77.0),))
     again.started_utc = "2027-01-01T00:00:00Z"
     second = again.finish(PASSED, "2027-01-01T00:01:00Z")
@@ -54,7 +54,10 @@ def test_two_runs_are_byte_identical_outside_the_volatile_places(findings: Make,
 
 def test_a_change_outside_the_volatile_places_is_seen(findings: Make, good: list[Measurement]) -> None:
     first = findings(*good).finish(PASSED, "")
-    changed = [replace(each, value=0.970000001) if each.name == "heading.direct.max" else each for each in good]
+    changed = [
+        replace(measurement, value=0.970000001) if measurement.name == "heading.direct.max" else measurement
+        for measurement in good
+    ]
     second = findings(*changed).finish(PASSED, "")
     assert without_volatile(json.loads(to_json(first))) != without_volatile(json.loads(to_json(second)))
 
@@ -100,7 +103,7 @@ def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
 def test_a_write_leaves_the_old_file_or_the_new_one(tmp_path: Path) -> None:
     path = write_atomically(tmp_path / "a", "old")
     write_atomically(path, "new")
-    assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("a", "new")]
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a", "new")]
 
 
 def test_the_older_word_for_a_lost_connection_is_read_and_valid(

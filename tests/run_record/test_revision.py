@@ -33,7 +33,7 @@ WHOLE = Revision(SHA, "main", "v1.2")
 
 
 @pytest.mark.parametrize(
-    ("label", "environment", "found"),
+    ("label", "environment", "result"),
     [
         (None, {}, None),
         ("v1.2", {}, Revision(label="v1.2")),
@@ -45,9 +45,9 @@ WHOLE = Revision(SHA, "main", "v1.2")
     ],
 )
 def test_the_label_is_the_user_s_and_the_commit_the_job_s(
-    label: str | None, environment: dict[str, str], found: Revision | None
+    label: str | None, environment: dict[str, str], result: Revision | None
 ) -> None:
-    assert revision_of(label, environment) == found
+    assert revision_of(label, environment) == result
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_it_is_in_the_record_and_may_differ_between_two_runs_of_one_seed(run: Ru
     assert read_record(tmp_path).run == run
     assert "/revision" in run.volatile
     other = replace(run, revision=Revision(label="another"))
-    contents = [without_volatile(json.loads(to_json(each))) for each in (run, other)]
+    contents = [without_volatile(json.loads(to_json(item))) for item in (run, other)]
     assert contents[0] == contents[1]
 
 
@@ -119,7 +119,7 @@ def test_the_plugin_keeps_it_and_an_older_firmware_has_none(
 
     assert kept("--hil-label=v1.2") == asdict(Revision(SHA, "12/merge", "v1.2"))
     assert kept() == asdict(Revision(SHA, "12/merge"))
-    (label,) = [each for each in older_options(["--hil-label=v1.2"], "old.elf")[1:] if "label" in each]
+    (label,) = [option for option in older_options(["--hil-label=v1.2"], "old.elf")[1:] if "label" in option]
     assert kept("--hil-label=v1.2", label) is None
 
 

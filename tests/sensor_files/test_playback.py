@@ -27,9 +27,9 @@ NED, ANDROID = 0x00, 0x10
 def played(folder: Path, keys: str = 'playback = "field.csv"') -> Playback:
     rig = folder / "bench.toml"
     rig.write_text(RIG.read_text(encoding="utf-8").replace("[world]", f"[world]\n{keys}"), encoding="utf-8")
-    found = load_playback(load_rig(rig))
-    assert found is not None
-    return found
+    playback = load_playback(load_rig(rig))
+    assert playback is not None
+    return playback
 
 
 def table(folder: Path, *lines: str) -> Path:
@@ -69,11 +69,11 @@ def test_a_log_of_a_virtual_board_is_played_at_its_own_times(tmp_path: Path) -> 
 def test_packets_are_played_in_their_units_without_what_their_algorithm_left_out(tmp_path: Path) -> None:
     packets = [packet(number, field=(0, 0, 0) if number == 2 else (200, -10, 400 + number)) for number in range(4)]
     stream(tmp_path, *packets)
-    found = played(tmp_path)
-    assert found.tracks[Sensed.MAGNETOMETER].readings.tolist() == [[20, -1, 40], [20, -1, 40.1], [20, -1, 40.3]]
-    assert found.tracks[Sensed.ACCELEROMETER].readings.tolist() == [[0, 0, 1]] * 4
-    assert found.tracks[Sensed.GYROSCOPE].readings.tolist() == [[1, -2, 0]] * 4
-    assert found.tracks[Sensed.GYROSCOPE].times_s == pytest.approx(START_S + 0.025 * np.arange(4))
+    result = played(tmp_path)
+    assert result.tracks[Sensed.MAGNETOMETER].readings.tolist() == [[20, -1, 40], [20, -1, 40.1], [20, -1, 40.3]]
+    assert result.tracks[Sensed.ACCELEROMETER].readings.tolist() == [[0, 0, 1]] * 4
+    assert result.tracks[Sensed.GYROSCOPE].readings.tolist() == [[1, -2, 0]] * 4
+    assert result.tracks[Sensed.GYROSCOPE].times_s == pytest.approx(START_S + 0.025 * np.arange(4))
 
 
 def test_a_stream_by_nxps_encoder_has_every_integer_that_went_into_it(

@@ -85,7 +85,7 @@ def test_what_may_be_a_header_or_a_reading_is_not_taken_for_text(tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    ("content", "index", "said"),
+    ("content", "index", "message"),
     [
         ("0,1,2\n" + BODY, None, "Line 1, '0,1,2', was taken as pandas' numbers of the columns, not as a reading."),
         (",0,1,2\n" + "".join(f"{n},{line}\n" for n, line in enumerate(LINES)), 0, "Line 1, ',0,1,2', was taken as"),
@@ -93,11 +93,13 @@ def test_what_may_be_a_header_or_a_reading_is_not_taken_for_text(tmp_path: Path,
         ("boot\n0,1,2\n" + BODY, None, "Line 2, '0,1,2', was taken as pandas' numbers"),
     ],
 )
-def test_pandas_numbers_of_columns_are_no_reading(tmp_path: Path, content: str, index: int | None, said: str) -> None:
+def test_pandas_numbers_of_columns_are_no_reading(
+    tmp_path: Path, content: str, index: int | None, message: str
+) -> None:
     table, rows = read(tmp_path, content)
     assert (table.headers, table.index) == ((), index)
     assert [row[-3:] for row in rows] == list(ROWS)
-    assert any(said in note for note in table.notes)
+    assert any(message in note for note in table.notes)
 
 
 @pytest.mark.parametrize("body", ["0,1,2\n3,4,5\n6,7,8\n", "0,1,2\n", "0,1,3\n" + BODY])

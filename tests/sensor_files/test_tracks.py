@@ -50,7 +50,7 @@ def test_headers_say_which_columns_are_what_and_in_what_unit(
     tracks = read_table(table(tmp_path / "field.csv", header, *rows), given()).tracks
     for sensed, factor, first in zip(Sensed, factors, ((1, 2, 3), (4, 5, 6), (7, 8, 0)), strict=True):
         assert tracks[sensed].times_s == pytest.approx([0.0, 0.02, 0.04, 0.06, 0.08])
-        assert tracks[sensed].readings[0] == pytest.approx([factor * each for each in first])
+        assert tracks[sensed].readings[0] == pytest.approx([factor * item for item in first])
 
 
 def test_the_rig_names_columns_units_axes_and_rate_of_a_table_without_a_header(tmp_path: Path) -> None:

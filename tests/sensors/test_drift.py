@@ -70,7 +70,7 @@ def body_mag3110(part, time_s):
         (fxas21002c, "drift", body_gyroscope, 1 / 32, OFFSET),
         (mag3110, "drift", body_mag3110, 0.05, OFFSET),
         (fxos8700cq, "magnetometer_drift", body_magnetometer, 0.05, OFFSET),
-        (fxos8700cq_accelerometer, "drift", body_accelerometer, 1 / 8192, tuple(each / 100.0 for each in OFFSET)),
+        (fxos8700cq_accelerometer, "drift", body_accelerometer, 1 / 8192, tuple(item / 100.0 for item in OFFSET)),
     ],
 )
 def test_offset_and_sensitivity_follow_the_temperature_in_the_body_frame(make, argument, body, half_a_count, offset):
@@ -94,7 +94,7 @@ def test_offset_and_sensitivity_follow_the_temperature_in_the_body_frame(make, a
 
 def test_without_coefficients_no_temperature_changes_a_bit():
     for make, registers in ((mag3110, 7), (fxos8700cq, 0x3F), (fxas21002c, 8)):
-        hot, mild = (make(World(FIELD, temperature=each, pose=POSE)) for each in (RAMP, Temperature()))
+        hot, mild = (make(World(FIELD, temperature=item, pose=POSE)) for item in (RAMP, Temperature()))
         for number in range(100):
             time_s = 0.2 + number / 7.0
             assert read(hot, time_s, 0x00, registers) == read(mild, time_s, 0x00, registers)

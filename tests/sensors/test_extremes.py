@@ -33,8 +33,8 @@ def test_they_are_the_extremes_of_all_samples_read_or_not():
     ticks = np.arange(14, round(end_s * 200))
     samples = np.array([words(polled, tick / 200 + 1e-6, 0x33, 3) for tick in ticks])
     for until in (100, 400, len(ticks)):
-        found = words(part, ticks[until - 1] / 200 + 1e-6, 0x45, 6).reshape(2, 3)
-        assert (found == [samples[:until].max(axis=0), samples[:until].min(axis=0)]).all()
+        result = words(part, ticks[until - 1] / 200 + 1e-6, 0x45, 6).reshape(2, 3)
+        assert (result == [samples[:until].max(axis=0), samples[:until].min(axis=0)]).all()
 
 
 def test_their_middle_is_the_hard_iron_after_a_tumble():
@@ -80,11 +80,11 @@ def test_they_are_of_all_runs_each_with_the_set_up_that_it_had():
     samples = []
     for run in range(150):
         begin_s = 0.1 + 0.025 * run
-        for each in (part, polled):
-            write(each, begin_s, 0x3F, run % 8)
-            write(each, begin_s, 0x2A, (0x05, 0x0D)[run % 2])
+        for item in (part, polled):
+            write(item, begin_s, 0x3F, run % 8)
+            write(item, begin_s, 0x2A, (0x05, 0x0D)[run % 2])
         samples += [words(polled, begin_s + 0.001 * millisecond, 0x33, 3) for millisecond in range(1, 25)]
-        for each in (part, polled):
-            write(each, begin_s + 0.0245, 0x2A, 0x04)
-    found = words(part, 4.0, 0x45, 6).reshape(2, 3)
-    assert (found == [np.max(samples, axis=0), np.min(samples, axis=0)]).all()
+        for item in (part, polled):
+            write(item, begin_s + 0.0245, 0x2A, 0x04)
+    result = words(part, 4.0, 0x45, 6).reshape(2, 3)
+    assert (result == [np.max(samples, axis=0), np.min(samples, axis=0)]).all()

@@ -84,12 +84,12 @@ def test_a_fifo_drained_in_any_rhythm_gives_the_samples_that_polling_gives(senso
         time_s = instant(sensor, arrived - 1)
         stored = arrived - len(got)
         assert read(part, time_s, sensor.F_STATUS, 1)[0] == stored
-        wanted = math.ceil(share * stored)
+        expected = math.ceil(share * stored)
         if burst:
-            data = read(part, time_s, 0x01, 6 * wanted)
-            got += [data[at : at + 6] for at in range(0, 6 * wanted, 6)]
+            data = read(part, time_s, 0x01, 6 * expected)
+            got += [data[at : at + 6] for at in range(0, 6 * expected, 6)]
         else:
-            got += [read(part, time_s, 0x01, 6) for _ in range(wanted)]
+            got += [read(part, time_s, 0x01, 6) for _ in range(expected)]
     assert got == polled(sensor, len(got))
 
 
@@ -105,7 +105,7 @@ def test_what_overflows_is_what_a_fifo_fed_sample_by_sample_loses(sensor, setup,
     part = sensor(moving_world(), setup).part
     stored, overflowed, arrived = deque(), False, 0
     reference = polled(sensor, sum(samples for samples, _ in accesses))
-    for samples, wanted in accesses:
+    for samples, access in accesses:
         for number in range(arrived, arrived + samples):
             full = len(stored) == (watermark if mode == TRIGGER else 32)
             overflowed |= full and mode != TRIGGER
@@ -117,7 +117,7 @@ def test_what_overflows_is_what_a_fifo_fed_sample_by_sample_loses(sensor, setup,
         time_s = instant(sensor, arrived - 1)
         flags = (0x80 if overflowed else 0) | (0x40 if 0 < watermark <= len(stored) else 0)
         assert read(part, time_s, sensor.F_STATUS, 1)[0] == flags | len(stored)
-        for _ in range(wanted):
+        for _ in range(access):
             expected = reference[stored.popleft()] if stored else bytes(6)
             overflowed = overflowed and expected == bytes(6)
             assert read(part, time_s, 0x01, 6) == expected

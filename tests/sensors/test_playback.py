@@ -18,7 +18,7 @@ def playing(**readings: tuple[float, float, float]) -> World:
     """Return a world in which a recording shows one reading of each sensor that is named."""
     world = World(EarthField(48.5, 62.0))
     times_s = np.array([0.0, 9.0])
-    tracks = {Sensed[name.upper()]: Track(times_s, np.array([each, each])) for name, each in readings.items()}
+    tracks = {Sensed[name.upper()]: Track(times_s, np.array([reading, reading])) for name, reading in readings.items()}
     world.playback = Playback("field.csv", tracks)
     return world
 
@@ -32,7 +32,7 @@ def test_each_part_turns_the_bodys_axes_into_its_own_counts_without_noise() -> N
     assert words(active_mag3110(world)) == [200, -123, 300]  # body = (-y, -x, z), 0.1 uT
     both = active_fxos8700cq(world)
     assert words(both, 0x33) == [200, -123, -300]  # body = (-y, -x, -z)
-    assert [word >> 2 for word in words(both)] == [round(2048 * each) for each in (-0.2, 0.1, 0.97)]  # 4 g full scale
+    assert [word >> 2 for word in words(both)] == [round(2048 * item) for item in (-0.2, 0.1, 0.97)]  # 4 g full scale
     assert words(active_fxas21002c(world)) == [32, -16, -4800]  # body = (-y, -x, -z), 1/16 deg/s
     assert world.playback is not None
     assert world.playback.remarks() == []
@@ -46,10 +46,10 @@ def test_a_part_stops_where_it_stops_and_that_is_said() -> None:
     assert [word >> 2 for word in words(both)] == [8191, 0, -8192]
     assert words(active_fxas21002c(world)) == [0, 0, -32_768]
     assert world.playback is not None
-    said = "; ".join(world.playback.remarks())
-    assert "1 samples of the MAG3110 were beyond 2000 uT" in said
-    assert "FXOS8700CQ accelerometer were beyond 4 g and are cut there" in said
-    assert "FXAS21002C were beyond 2048 dps" in said
+    answer = "; ".join(world.playback.remarks())
+    assert "1 samples of the MAG3110 were beyond 2000 uT" in answer
+    assert "FXOS8700CQ accelerometer were beyond 4 g and are cut there" in answer
+    assert "FXAS21002C were beyond 2048 dps" in answer
 
 
 def test_offset_registers_act_on_a_recording_as_on_the_world() -> None:

@@ -88,19 +88,21 @@ def test_a_part_answers_again_what_it_answered(
     part = make(moving_world())
 
     def answers(accesses: list[tuple[str, int, int, float]], time_s: float) -> list[object]:
-        seen: list[object] = []
+        observations: list[object] = []
         for kind, register, value, later_s in accesses:
             time_s += later_s
             if kind in ("write", "set up"):  # in standby, where all set-up is taken
                 standby, running = ((active[-1][0], 0), active[-1]) if kind == "set up" else (None, None)
                 for place, byte in filter(None, (standby, (register, value), running)):
-                    seen.append((part.start(False, time_s), part.write(place, time_s), part.write(byte, time_s)))
+                    observations.append(
+                        (part.start(False, time_s), part.write(place, time_s), part.write(byte, time_s))
+                    )
                     part.stop(time_s)
             elif kind == "read":
-                seen.append(read(part, time_s, register, 6))
+                observations.append(read(part, time_s, register, 6))
             else:
-                seen.append((part.interrupt_levels(time_s), part.next_interrupt_s(time_s)))
-        return seen
+                observations.append((part.interrupt_levels(time_s), part.next_interrupt_s(time_s)))
+        return observations
 
     time_s = 0.1
     for register, value in active:

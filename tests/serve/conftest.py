@@ -68,8 +68,8 @@ class Served:
 
     def ended(self) -> tuple[int, str]:
         """Wait for the end; return exit code and what was said on stderr."""
-        _, said = self.process.communicate(timeout=WALL_LIMIT_S)
-        return self.process.returncode, said
+        _, answer = self.process.communicate(timeout=WALL_LIMIT_S)
+        return self.process.returncode, answer
 
     def kill(self) -> None:
         """Leave no process behind, whatever a test did."""

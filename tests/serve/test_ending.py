@@ -23,7 +23,7 @@ from hiltest.rig.rig_file import load_rig
 from .conftest import WALL_LIMIT_S, Serve, converse
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda each: each.name)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP], ids=lambda item: item.name)
 def test_a_signal_ends_it_cleanly_and_its_terminals_are_gone(
     serve: Serve, number: signal.Signals, tmp_path: Path
 ) -> None:
@@ -32,9 +32,9 @@ def test_a_signal_ends_it_cleanly_and_its_terminals_are_gone(
     terminal = os.readlink(served.board)
     converse(served.board)
     with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
-        code, said = served.end(number)
+        code, answer = served.end(number)
         assert code == 0
-        assert "Traceback" not in said
+        assert "Traceback" not in answer
         assert not any(os.path.lexists(path) for path in (served.board, served.turntable))
         # While it is open here the system does not give the name away again.
         assert not os.path.exists(terminal)
@@ -61,10 +61,10 @@ def test_firmware_that_faults_is_named_and_ends_it_with_20(serve: Serve, foreign
         client.write(b"alive")
         assert client.read(5) == b"ALIVE"
         client.write(b"!")
-        code, said = served.ended()
+        code, answer = served.ended()
     assert code == 20
-    assert re.search(r"ERROR: .*undefined instruction.* in main \(upper_case\.c:\d+\)", said)
-    assert "Traceback" not in said
+    assert re.search(r"ERROR: .*undefined instruction.* in main \(upper_case\.c:\d+\)", answer)
+    assert "Traceback" not in answer
 
 
 def test_firmware_that_ends_in_a_loop_is_at_rest_and_its_port_stays_open(serve: Serve, foreign: Path) -> None:
@@ -75,8 +75,8 @@ def test_firmware_that_ends_in_a_loop_is_at_rest_and_its_port_stays_open(serve: 
         client.timeout = 0.5
         client.write(b"unheard")
         assert client.read(1) == b""  # and no error: half a second later it is still there
-        code, said = served.end()
-    assert (code, "ERROR" in said) == (0, False)
+        code, answer = served.end()
+    assert (code, "ERROR" in answer) == (0, False)
 
 
 def test_firmware_that_waits_for_a_register_that_is_not_modelled_is_told_while_it_does(
@@ -88,8 +88,8 @@ def test_firmware_that_waits_for_a_register_that_is_not_modelled_is_told_while_i
         assert client.read(1) == b"A"
         client.timeout = 0.5
         assert client.read(1) == b""
-    _, said = served.end()
-    (told,) = [line for line in said.splitlines() if "waits for" in line]
+    _, answer = served.end()
+    (told,) = [line for line in answer.splitlines() if "waits for" in line]
     assert told.startswith("firmware waits for AXBS_CRS0 at 0x40004010, which is not modelled, at 0x")
     assert re.search(r" in main \(upper_case\.c:\d+\)$", told)
 
@@ -99,8 +99,8 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
     with serial.serial_for_url(served.board, timeout=WALL_LIMIT_S) as client:
         client.write(b"alive")
         assert client.read(5) == b"ALIVE"
-    _, said = served.end()
-    (told,) = [line for line in said.splitlines() if "not modelled" in line]
+    _, answer = served.end()
+    (told,) = [line for line in answer.splitlines() if "not modelled" in line]
     assert told.startswith("AXBS_PRS0 at 0x40004000 is not modelled; write of 0x00000002 from 0x")
     assert re.search(r" in \w+ \(upper_case\.c:\d+\) kept; 1 access$", told)
 
@@ -149,8 +149,8 @@ def test_a_board_that_falls_behind_is_told_of_when_it_begins_doubles_and_is_over
     look = _pace()
     for behind_s in (0.0, 2.9, 3.2, 4.0, 6.3, 6.5, 6.6, 2.0, 1.0, 0.5, 3.0):
         look(behind_s)
-    told = capsys.readouterr().err.splitlines()
-    assert [line.partition(" behind")[0] for line in told] == [
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(" behind")[0] for line in lines] == [
         "board: 3 s",
         "board: 6 s",
         "board: in time again",

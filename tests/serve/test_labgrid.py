@@ -72,11 +72,11 @@ def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def switched() -> Iterator[tuple[str, list[str]]]:
     """A power switch with a web page, and what it was told."""
-    told: list[str] = []
+    messages: list[str] = []
 
     class Switch(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            told.append(self.path)
+            messages.append(self.path)
             self.send_response(200)
             self.end_headers()
 
@@ -85,7 +85,7 @@ def switched() -> Iterator[tuple[str, list[str]]]:
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Switch)
     Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}", told
+    yield f"http://127.0.0.1:{server.server_port}", messages
     server.shutdown()
     server.server_close()
 
@@ -100,7 +100,7 @@ def lab(
     require_tool: Callable[[str], str],
 ) -> Iterator[Lab]:
     require_tool("ser2net")  # the exporter starts it
-    served, (switch, told) = serve(), switched
+    served, (switch, answer) = serve(), switched
     address = f"127.0.0.1:{free_port()}"
     monkeypatch.setenv("LG_COORDINATOR", address)
     monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
@@ -114,15 +114,15 @@ def lab(
         [programs / "labgrid-exporter", "-c", address, "-n", "lab", "--hostname", "127.0.0.1", "exporter.yaml"],
         cwd=tmp_path,
     )
-    found = Lab(programs, told)
+    result = Lab(programs, answer)
     try:
         ends_s = time.monotonic() + WALL_LIMIT_S
         while "lab/board" not in (said := resources(programs)):
             assert time.monotonic() < ends_s, said
             time.sleep(0.2)
-        found.client("create")
-        found.client("add-match", "lab/board/*")
-        yield found
+        result.client("create")
+        result.client("add-match", "lab/board/*")
+        yield result
     finally:
         for process in (exporter, coordinator):
             process.terminate()

@@ -48,7 +48,7 @@ def test_a_served_board_passes_the_whole_main_job_on_a_busy_machine(serve: Serve
         )
     assert done.returncode == 0, done.stdout
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    measured = {each["name"]: each["value"] for each in record["measurements"]}
+    measured = {measurement["name"]: measurement["value"] for measurement in record["measurements"]}
     # Everything that the rig limits was measured, and passed; without a calibration the board does not hold the limit.
     assert measured["fit.dpi.status"] == 0
     # By the clock of a busy machine the points covered 66 %, because the board was 6 s behind; by position 92.

@@ -54,27 +54,27 @@ def test_a_program_gets_the_recorded_answers_as_late_as_they_came_and_the_next_o
             assert list(again.magnetometer.mean) == mean
             if last:
                 board.session.request(LinkStatistics())
-    code, said = served.ended()
-    assert code == 0, said
-    assert "the recording is at its end" in said
+    code, answer = served.ended()
+    assert code == 0, answer
+    assert "the recording is at its end" in answer
 
 
 def test_other_bytes_end_it_with_both_and_their_place(serve: Serve, recording: tuple[Path, list[float]]) -> None:
     served = serve("--replay", str(recording[0]))
     with RealBoard(served.board, RIG) as board, pytest.raises(HiltestError):
         board.session.request(Points(0, 1))
-    code, said = served.ended()
+    code, answer = served.ended()
     assert code == 20
-    assert "the program sends POINTS first=0 count=1" in said
-    assert "in test_average had AVERAGE" in said
-    assert "run.jsonl.gz:" in said
+    assert "the program sends POINTS first=0 count=1" in answer
+    assert "in test_average had AVERAGE" in answer
+    assert "run.jsonl.gz:" in answer
 
 
 def test_lines_come_as_late_as_they_were_printed_and_a_command_must_be_the_recorded_one(serve: Serve) -> None:
     """The by-hand recording of a compass that prints ten lines a second, and is never told anything."""
     path = Path(__file__).parents[2] / "fixtures" / "recordings" / "text-by-hand.jsonl.gz"
-    said = [entry for entry in Transcript.read(path).entries if entry.direction is Direction.TO_HOST and entry.data]
-    recorded, took_s = b"".join(each.data for each in said), said[-1].time_s - said[0].time_s
+    entries = [entry for entry in Transcript.read(path).entries if entry.direction is Direction.TO_HOST and entry.data]
+    recorded, took_s = b"".join(entry.data for entry in entries), entries[-1].time_s - entries[0].time_s
     served = serve("--replay", str(path))
     port = open_port(served.board)
     began_s, heard = time.monotonic(), b""

@@ -29,14 +29,14 @@ def banner(tmp_path: Path, require_tool: Callable[[str], str]) -> Path:
     return elf
 
 
-def summary(said: str) -> tuple[float, str]:
+def summary(message: str) -> tuple[float, str]:
     """Return the virtual seconds that the last line tells, and where the firmware was."""
-    told = re.fullmatch(
+    match = re.fullmatch(
         r"board: (\d+\.\d{3}) s of virtual time, (?:\d\.\d\d x real time, )?\d+\.\d s of it emulated; (.*)",
-        said.splitlines()[-1],
+        message.splitlines()[-1],
     )
-    assert told is not None, said
-    return float(told[1]), told[2]
+    assert match is not None, message
+    return float(match[1]), match[2]
 
 
 @pytest.mark.parametrize("arguments", [[], ["--tcp", "0"], ["--no-wait"]], ids=["pty", "tcp", "no-wait"])
@@ -51,10 +51,10 @@ def test_the_first_program_gets_what_the_board_says_first(serve: Serve, banner: 
 def test_without_a_program_it_stays_in_reset(serve: Serve, banner: Path) -> None:
     served = serve("--firmware", str(banner))
     time.sleep(1.0)
-    code, said = served.end()
+    code, answer = served.end()
     assert code == 0
-    assert "in reset until a program opens a port" in said
-    assert summary(said)[0] == 0.0
+    assert "in reset until a program opens a port" in answer
+    assert summary(answer)[0] == 0.0
 
 
 def test_the_coolant_output_of_the_table_resets_the_board(serve: Serve, banner: Path) -> None:
@@ -76,21 +76,21 @@ def test_faults_of_the_board_are_served_and_those_of_the_line_are_not(serve: Ser
     rig.write_text((shipped() / "rigs" / "virtual-k64f.toml").read_text() + faults)
     served = serve("--rig", str(rig))
     converse(served.board)
-    code, said = served.end()
+    code, answer = served.end()
     assert code == 0
-    assert "injected faults: SDA of I2C0 held low after 60 s" in said
-    assert f"the line faults of {rig} are not simulated" in said
+    assert "injected faults: SDA of I2C0 held low after 60 s" in answer
+    assert f"the line faults of {rig} are not simulated" in answer
 
 
 def test_it_ends_at_a_virtual_time_and_sums_up(serve: Serve, banner: Path) -> None:
     served = serve("--firmware", str(banner), "--no-wait", "--until", "0.75")
-    code, said = served.ended()
+    code, answer = served.ended()
     assert code == 0
-    assert "the time of --until is over" in said
-    time_s, where = summary(said)
+    assert "the time of --until is over" in answer
+    time_s, where = summary(answer)
     assert time_s == 0.75
     assert re.fullmatch(r"asleep in main \(banner\.c:\d+\)", where)
-    (told,) = [line for line in said.splitlines() if "not modelled" in line]
+    (told,) = [line for line in answer.splitlines() if "not modelled" in line]
     assert told.startswith("CMP0_CR0 at 0x40073000 is not modelled; write of 0x11 from 0x")
     assert told.endswith("kept; 3 accesses")
 
@@ -107,9 +107,9 @@ def test_gdb_finds_the_board_at_its_first_instruction(serve: Serve, banner: Path
             assert gdb.monitor("cycles") == before
             gdb.send(b"c")
             assert client.read(len(SAID)) == b"boot 1, RCM 40\r\n"
-            code, said = served.ended()
+            code, answer = served.ended()
     assert code == 0
-    assert summary(said)[0] == 3.0
+    assert summary(answer)[0] == 3.0
 
 
 def test_gdb_alone_gets_the_board_out_of_reset(serve: Serve, banner: Path) -> None:

@@ -25,9 +25,11 @@ def two_ports(tmp_path: Path, require_tool: Callable[[str], str]) -> Path:
 
 @pytest.mark.parametrize("where", ["", "=uart3", "=tcp:0"], ids=["pty", "link", "tcp"])
 def test_a_uart_is_served_where_it_is_asked_for(serve: Serve, two_ports: Path, where: str) -> None:
-    kept = two_ports.parent / "flash.bin"
+    stored = two_ports.parent / "flash.bin"
     for boot in (b"1", b"2"):
-        served = serve("--firmware", str(two_ports), "--baud", "9600", "--uart", f"3{where}", "--flash-file", str(kept))
+        served = serve(
+            "--firmware", str(two_ports), "--baud", "9600", "--uart", f"3{where}", "--flash-file", str(stored)
+        )
         assert served.process.stdout is not None
         name, _, url = served.process.stdout.readline().strip().partition(": ")
         assert name == "uart3"
@@ -37,9 +39,9 @@ def test_a_uart_is_served_where_it_is_asked_for(serve: Serve, two_ports: Path, w
         with serial.serial_for_url(url, timeout=WALL_LIMIT_S) as port:
             port.write(b"x")
             assert port.read(2) == boot + b"x"
-        code, said = served.end()
+        code, answer = served.end()
         assert code == 0
-        assert "not modelled" not in said
+        assert "not modelled" not in answer
 
 
 @pytest.mark.parametrize("wrong", ["0", "3=tcp:70000", "3="])

@@ -35,13 +35,13 @@ def test_fits_and_cycles_are_those_that_the_firmware_answers(board: Board) -> No
     points = golden_points(60, index=3)
     upload_points(board, points)
     for name in called.names:
-        wanted, cost = calibrate_once(board, name, len(points))
+        expected, cost = calibrate_once(board, name, len(points))
         fit, cycles = called.calibrate(name, points.astype(float))
         assert cost is not None
         assert cycles == cost.cycles, name
-        assert (fit.status, fit.iterations, fit.coverage) == (wanted.status, wanted.iterations, wanted.coverage)
-        assert np.array_equal(fit.soft_iron, wanted.soft_iron)
-        assert np.array_equal(fit.hard_iron, wanted.hard_iron)
+        assert (fit.status, fit.iterations, fit.coverage) == (expected.status, expected.iterations, expected.coverage)
+        assert np.array_equal(fit.soft_iron, expected.soft_iron)
+        assert np.array_equal(fit.hard_iron, expected.hard_iron)
 
 
 def test_counts_that_no_sensor_gives_are_refused() -> None:

@@ -25,17 +25,17 @@ BEST = Candidate("best", 0.5, 1.0, 0.9, 1.2, 100.0, 2000, 2500)
 
 def test_errors_and_cycles_are_those_of_the_board_under_these_conditions() -> None:
     names = board_calibrators().names
-    found = np.reshape(measure(PLAN, Block(0, 4, 2)), (2, len(names), 3))
+    result = np.reshape(measure(PLAN, Block(0, 4, 2)), (2, len(names), 3))
     drawn = draw_instances(Model(3, 50, 1.0, occluded=0.2, field_ut=30.0), 4, 2)
     for k in range(2):
         for index, name in enumerate(names):
             fit, cycles = board_calibrators().calibrate(name, np.rint(10.0 * drawn.points_ut[k]))
-            assert found[k, index, 0] == pytest.approx(drawn.direction_error_deg(k, fit, 30.0), rel=1e-12)
-            assert found[k, index, 1:].tolist() == [fit.status is FitStatus.ELLIPSOID, cycles]
+            assert result[k, index, 0] == pytest.approx(drawn.direction_error_deg(k, fit, 30.0), rel=1e-12)
+            assert result[k, index, 1:].tolist() == [fit.status is FitStatus.ELLIPSOID, cycles]
 
 
 @pytest.mark.parametrize(
-    ("other", "taken"),
+    ("other", "selected"),
     [
         (replace(BEST, name="dearer", high_deg=1.0001, cycles=2001), "best"),
         (replace(BEST, name="cheaper", high_deg=1.2, cycles=1999), "cheaper"),
@@ -44,22 +44,22 @@ def test_errors_and_cycles_are_those_of_the_board_under_these_conditions() -> No
         (replace(BEST, name="no better", high_deg=0.7, at_most_deg=1.0, cycles=9999), "best"),
     ],
 )
-def test_the_cheapest_is_taken_of_those_that_the_instances_cannot_tell_apart(other: Candidate, taken: str) -> None:
+def test_the_cheapest_is_taken_of_those_that_the_instances_cannot_tell_apart(other: Candidate, selected: str) -> None:
     for candidates in ([BEST, other], [other, BEST]):
-        found = chosen(candidates)
-        assert found is not None
-        assert found.name == taken
+        result = chosen(candidates)
+        assert result is not None
+        assert result.name == selected
 
 
 def concluded(cycles: int | None) -> Conclusion:
     """Conclude from forty instances: each calibrator of the table errs half of the one before, for 1000 cycles more."""
     names = board_calibrators().names
-    each = np.ones((40, len(names), 3))
+    item = np.ones((40, len(names), 3))
     for index in range(len(names)):
-        each[:, index, 0] = LARGEST_DEG * np.linspace(0.9, 1.1, 40) / 2.0**index
-        each[:, index, 2] = 1000 * (index + 1)
-        each[0, index, 2] += 500
-    halves = [half.ravel().tolist() for half in (each[:20], each[20:])]
+        item[:, index, 0] = LARGEST_DEG * np.linspace(0.9, 1.1, 40) / 2.0**index
+        item[:, index, 2] = 1000 * (index + 1)
+        item[0, index, 2] += 500
+    halves = [half.ravel().tolist() for half in (item[:20], item[20:])]
     return conclude(replace(PLAN, given=replace(GIVEN, cycles=cycles)), [halves])
 
 
@@ -67,20 +67,20 @@ def concluded(cycles: int | None) -> Conclusion:
 def test_the_budget_holds_for_every_instance(affordable: int | None) -> None:
     names = board_calibrators().names
     # In the median one more costs no more than this.
-    found = concluded(None if affordable is None else 1000 * affordable + 1499)
+    result = concluded(None if affordable is None else 1000 * affordable + 1499)
     within = len(names) if affordable is None else affordable
-    marks = dict(zip(found.table.column("calibrator"), found.table.column("choice"), strict=True))
+    marks = dict(zip(result.table.column("calibrator"), result.table.column("choice"), strict=True))
     assert [name for name, mark in marks.items() if mark != TOO_DEAR] == list(names[:within])
     assert [name for name, mark in marks.items() if mark == RECOMMENDED] == list(names[:within][-1:])
     assert [name for name, mark in marks.items() if mark == RUNNER_UP] == list(names[:within][-2:-1])
     if within:
         error = f"{LARGEST_DEG / 2.0 ** (within - 1):.2f}"
-        assert f"take {names[within - 1]} ({error} deg in the median" in found.sentence
-        assert f"{within} 000 cycles, at most {within} 500)" in found.sentence
+        assert f"take {names[within - 1]} ({error} deg in the median" in result.sentence
+        assert f"{within} 000 cycles, at most {within} 500)" in result.sentence
     else:
-        assert f"cycles: none; the cheapest is {names[0]} ({LARGEST_DEG:.2f} deg" in found.sentence
+        assert f"cycles: none; the cheapest is {names[0]} ({LARGEST_DEG:.2f} deg" in result.sentence
     # What errs less and is not within the budget is named, and of that the best.
-    more = f"for more cycles {names[-1]} (" in found.sentence
+    more = f"for more cycles {names[-1]} (" in result.sentence
     assert more == (0 < within < len(names))
 
 
@@ -90,14 +90,14 @@ def test_field_noise_and_points_are_the_rig_s_unless_they_are_given(tmp_path: Pa
         "calibration_points = 100", "calibration_points = 60"
     )
     (tmp_path / "own.toml").write_text(rig, encoding="utf-8")
-    for options, said in (
+    for options, answer in (
         ([], "0.4 uT of noise in 33.5 uT, 60 points over at least 50 % of the sphere and any number of cycles"),
         (
             ["--noise", "2", "--points", "40", "--coverage", "90", "--cycles", "9000"],
             "2 uT of noise in 33.5 uT, 40 points over at least 90 % of the sphere and at most 9 000 cycles",
         ),
     ):
-        out = tmp_path / said[:3]
+        out = tmp_path / answer[:3]
         words = ["--rig", str(tmp_path / "own.toml"), "--instances", "1", "--jobs", "1", "--out", str(out)]
         assert run("study", "choose", *words, *options) == 0
-        assert said in read_record(out).run.verdict.sentence
+        assert answer in read_record(out).run.verdict.sentence

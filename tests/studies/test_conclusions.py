@@ -22,10 +22,13 @@ def test_always_is_none_and_nearly_always_is_less_than_one_in_a_thousand(
     worst: int, always: bool, nearly: bool
 ) -> None:
     counts = [[(0,)]] * 12 + [[(worst - worst // 3,), (worst // 3,)]] + [[(0,)]] * 7
-    found = ellipsoids.conclude(Plan("ellipsoids", 1, 1_000_000, 100), counts)
-    assert [each.reproduced for each in found.printed] == [always, nearly]
-    assert next(each.value for each in found.measurements if each.name.endswith("non_ellipsoids")) == worst
-    assert found.table.column("non_ellipsoids")[12] == worst
+    result = ellipsoids.conclude(Plan("ellipsoids", 1, 1_000_000, 100), counts)
+    assert [figure.reproduced for figure in result.printed] == [always, nearly]
+    assert (
+        next(measurement.value for measurement in result.measurements if measurement.name.endswith("non_ellipsoids"))
+        == worst
+    )
+    assert result.table.column("non_ellipsoids")[12] == worst
 
 
 def test_without_noise_all_is_compensated() -> None:
@@ -37,9 +40,9 @@ def test_without_noise_all_is_compensated() -> None:
 
 def test_a_centre_that_is_off_by_a_tenth_of_the_offset_compensates_90_percent() -> None:
     drawn = draw_instances(Model(3, 40, 0.0), 0, 50)
-    found = fit_quadrics(drawn.points_ut)
-    np.testing.assert_allclose(compensated(drawn, found), 1.0, atol=1e-4)
-    offset, _, sensitivity = compensated(drawn, replace(found, centre=0.9 * drawn.hard_iron_ut))
+    quadrics = fit_quadrics(drawn.points_ut)
+    np.testing.assert_allclose(compensated(drawn, quadrics), 1.0, atol=1e-4)
+    offset, _, sensitivity = compensated(drawn, replace(quadrics, centre=0.9 * drawn.hard_iron_ut))
     np.testing.assert_allclose(offset, 0.9, rtol=1e-12)
     np.testing.assert_allclose(sensitivity, 1.0, atol=1e-4)
 
@@ -57,19 +60,19 @@ def test_a_sphere_scales_what_is_left_of_offset_and_of_the_radii() -> None:
 
 
 @given(
-    off=st.lists(st.floats(-20.0, 20.0).filter(lambda each: abs(abs(each) - 2.0) > 1e-6), min_size=6, max_size=6),
+    off=st.lists(st.floats(-20.0, 20.0).filter(lambda item: abs(abs(item) - 2.0) > 1e-6), min_size=6, max_size=6),
     parts=st.integers(1, 4),
 )
 def test_a_figure_is_reproduced_within_two_points(off: list[float], parts: int) -> None:
     by_noise = [
-        [(10, 10 * (said + by), 0.0, 10 * other)] * parts
-        for by, said, other in zip(off, OFFSET_PRINTED, SENSITIVITY_PRINTED, strict=True)
+        [(10, 10 * (answer + by), 0.0, 10 * other)] * parts
+        for by, answer, other in zip(off, OFFSET_PRINTED, SENSITIVITY_PRINTED, strict=True)
     ]
-    found = compensation.conclude(Plan("compensation", 1, 10 * parts, 100), by_noise)
-    assert [each.reproduced for each in found.printed] == [abs(by) <= 2.0 for by in off] + [True] * 6
-    measured = {measurement.name: measurement.value for measurement in found.measurements}
+    result = compensation.conclude(Plan("compensation", 1, 10 * parts, 100), by_noise)
+    assert [figure.reproduced for figure in result.printed] == [abs(by) <= 2.0 for by in off] + [True] * 6
+    measured = {measurement.name: measurement.value for measurement in result.measurements}
     assert measured["study.compensation.offset_reproduced"] == sum(abs(by) <= 2.0 for by in off)
     assert all(
-        math.isclose(float(came or 0), said)
-        for came, said in zip(found.table.column("sensitivity"), SENSITIVITY_PRINTED, strict=True)
+        math.isclose(float(came or 0), answer)
+        for came, answer in zip(result.table.column("sensitivity"), SENSITIVITY_PRINTED, strict=True)
     )

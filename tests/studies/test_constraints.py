@@ -33,16 +33,16 @@ def quadric(*eigenvalues: float, level: float = 1.0) -> np.ndarray[tuple[int], n
 
 def test_the_optimum_is_that_of_the_direct_fit() -> None:
     points = draw_instances(Model(2, 40, 5.0), 0, 3).points_ut
-    for each, shape in zip(points, fit_quadrics(points).shape, strict=True):
+    for item, shape in zip(points, fit_quadrics(points).shape, strict=True):
         # Both are of unit trace, and neither depends on where the points lie or how large they are.
-        assert shape_of(unconstrained(Clouds.of(each))) == pytest.approx(shape, abs=1e-9)
+        assert shape_of(unconstrained(Clouds.of(item))) == pytest.approx(shape, abs=1e-9)
 
 
 def test_a_calibration_s_quadric_is_the_ellipsoid_it_takes_to_the_unit_sphere() -> None:
     clouds = Clouds.of(draw_instances(Model(3, 40, 0.0, stretch=0.2), 0, 1).points_ut[0])
-    found = coefficients(fit_li.solve(clouds))
-    assert np.abs(clouds.rows @ found).max() < 1e-8  # noiseless points lie on it, to the table of cosines
-    assert is_ellipsoid(found)
+    result = coefficients(fit_li.solve(clouds))
+    assert np.abs(clouds.rows @ result).max() < 1e-8  # noiseless points lie on it, to the table of cosines
+    assert is_ellipsoid(result)
 
 
 @pytest.mark.parametrize("level", [1.0, -1.0])
@@ -59,18 +59,18 @@ def test_the_border_is_found_where_the_determinant_is_positive_at_both_ends() ->
 
 def test_each_surface_has_clouds_that_the_line_betters_and_none_that_it_does_not() -> None:
     blocks = [[measure(PLAN, Block(surface, 0, 1))] for surface in range(len(SURFACES))]
-    found = conclude(PLAN, blocks)
-    values = {measurement.name: measurement.value for measurement in found.measurements}
+    result = conclude(PLAN, blocks)
+    values = {measurement.name: measurement.value for measurement in result.measurements}
     assert values["study.constraints.clouds"] == len(SURFACES)
     assert values["study.constraints.fits"] == values["study.constraints.bettered"] == len(SURFACES) * len(METHODS)
-    assert found.printed[0].reproduced
+    assert result.printed[0].reproduced
 
 
 def test_one_fit_that_is_not_bettered_is_not_what_the_thesis_says() -> None:
     numbers = [0.0, 1, 0.5, 1, 0, 1.1, 1, 0.5, 1, 1, 0.9]  # the first method's is worse
-    found = conclude(PLAN, [[numbers]] * len(SURFACES))
-    assert not found.printed[0].reproduced
-    assert found.printed[1].reproduced
+    result = conclude(PLAN, [[numbers]] * len(SURFACES))
+    assert not result.printed[0].reproduced
+    assert result.printed[1].reproduced
 
 
 def test_points_that_always_make_an_ellipsoid_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ FEW = CONDITIONS.index(Condition(1.0))
 
 
 def test_an_error_is_the_angle_between_calibration_and_truth() -> None:
-    found = np.reshape(measure(Plan("estimators", 3, 2, 0), Block(FEW, 5, 2)), (2, len(NAMES), 2))
+    result = np.reshape(measure(Plan("estimators", 3, 2, 0), Block(FEW, 5, 2)), (2, len(NAMES), 2))
     drawn = draw_instances(Model(3, 100, 1.0, stream=FEW), 5, 2)
     for k in range(2):
         gain = np.linalg.inv(drawn.soft_iron[k]) / (50.0 * COUNTS_PER_UT)
@@ -24,23 +24,23 @@ def test_an_error_is_the_angle_between_calibration_and_truth() -> None:
         for index, name in enumerate(NAMES[2:], start=2):
             fit = REFERENCES[name](COUNTS_PER_UT * drawn.points_ut[k])
             # Both are means over directions that are spread evenly, 200 and 500 of them.
-            wanted = pytest.approx(direction_difference_rms_deg(fit, truth), rel=0.05)
-            assert found[k, index].tolist() == [wanted, fit.status is FitStatus.ELLIPSOID], name
+            expected = pytest.approx(direction_difference_rms_deg(fit, truth), rel=0.05)
+            assert result[k, index].tolist() == [expected, fit.status is FitStatus.ELLIPSOID], name
 
 
 def concluded(**errors_deg: float) -> Conclusion:
     """Conclude from forty instances of each condition, spread evenly about these errors, or about 3 degrees."""
     spread = np.linspace(0.9, 1.1, 40)
-    each = np.ones((40, len(NAMES), 2))
+    item = np.ones((40, len(NAMES), 2))
     for index, name in enumerate(NAMES):
-        each[:, index, 0] = errors_deg.get(name, 3.0) * spread
-    halves = [half.ravel().tolist() for half in (each[:20], each[20:])]
+        item[:, index, 0] = errors_deg.get(name, 3.0) * spread
+    halves = [half.ravel().tolist() for half in (item[:20], item[20:])]
     return conclude(Plan("estimators", 1, 40, 0), [halves] * len(CONDITIONS))
 
 
 def test_the_calibrator_that_errs_least_is_named_with_its_median() -> None:
-    said = concluded(taubin=0.5, geometric=0.7).sentence
-    assert "taubin errs least, 0.50 deg in the median of 40 instances; direct 3.00" in said
+    sentence = concluded(taubin=0.5, geometric=0.7).sentence
+    assert "taubin errs least, 0.50 deg in the median of 40 instances; direct 3.00" in sentence
 
 
 def test_each_calibrator_has_a_row_of_each_condition_with_intervals() -> None:
@@ -71,4 +71,4 @@ def test_measurements_are_those_of_the_condition_that_is_judged() -> None:
     [({"geometric": 0.4}, [False, True]), ({"direct": 1.0}, [True, False]), ({"li": 2.0}, [False, False])],
 )
 def test_what_the_thesis_claims_is_judged_by_the_medians(errors_deg: dict[str, float], reproduced: list[bool]) -> None:
-    assert [each.reproduced for each in concluded(**errors_deg).printed] == reproduced
+    assert [item.reproduced for item in concluded(**errors_deg).printed] == reproduced

@@ -16,7 +16,7 @@ from hiltest.studies.study import Block, Conclusion, Plan
 
 def test_each_calibrator_has_its_errors_and_how_far_the_board_is_from_float64() -> None:
     block = Block(JUDGED, 5, 2)
-    found = np.reshape(measure(Plan("float32", 3, 7, 60), block), (2, len(names()), 4))
+    result = np.reshape(measure(Plan("float32", 3, 7, 60), block), (2, len(names()), 4))
     drawn = draw_instances(Model(3, 60, 0.3, stream=JUDGED), 5, 2).set_hard_iron(50.0 * RATIOS[JUDGED])
     np.testing.assert_allclose(np.linalg.norm(drawn.hard_iron_ut, axis=1), 500.0, rtol=1e-12)
     for k in range(2):
@@ -25,7 +25,7 @@ def test_each_calibrator_has_its_errors_and_how_far_the_board_is_from_float64() 
             single, double = board_calibrators().calibrate(name, counts)[0], reference(name)(counts)
             errors = [drawn.direction_error_deg(k, fit, 50.0) for fit in (single, double)]
             apart, differs = direction_difference_rms_deg(single, double), int(single.status != double.status)
-            assert found[k, index].tolist() == [*errors, apart, differs]
+            assert result[k, index].tolist() == [*errors, apart, differs]
             assert apart > 0.0
 
 
@@ -43,28 +43,28 @@ def concluded(**larger: float) -> Conclusion:
     double = np.linspace(0.1, 0.3, 40)
     blocks = []
     for ratio in RATIOS:
-        each = np.zeros((40, len(names()), 4))
+        item = np.zeros((40, len(names()), 4))
         for index, name in enumerate(names()):
             factor = larger.get(name.replace("-", "_"), 1.0) if ratio == RATIOS[-1] else 1.0
-            each[:, index] = np.column_stack([factor * double, double, np.full(40, abs(factor - 1.0)), np.zeros(40)])
-        blocks.append([half.ravel().tolist() for half in (each[:20], each[20:])])
+            item[:, index] = np.column_stack([factor * double, double, np.full(40, abs(factor - 1.0)), np.zeros(40)])
+        blocks.append([half.ravel().tolist() for half in (item[:20], item[20:])])
     return conclude(Plan("float32", 1, 40, 100), blocks)
 
 
 @pytest.mark.parametrize(("factor", "stable"), [(1.0, True), (1.13, True), (1.14, False)])
 def test_stable_adds_no_more_than_a_tenth_more_noise_would(factor: float, stable: bool) -> None:
     """The 95th percentile of float64 is .29 here; sqrt(1.1^2 - 1) of it is .133."""
-    found = concluded(direct=factor)
+    result = concluded(direct=factor)
     count = len(names()) - 1
-    assert found.sentence.startswith(f"{count - (not stable)} of the board's {count} calibrators are stable")
-    assert found.table.rows[-len(names())][-1] is stable
+    assert result.sentence.startswith(f"{count - (not stable)} of the board's {count} calibrators are stable")
+    assert result.table.rows[-len(names())][-1] is stable
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1.0, [False, True]), (2.0, [True, False])])
-def test_what_the_papers_say_is_judged_by_sums_about_zero(factor: float, said: list[bool]) -> None:
-    found = concluded(direct_about_zero=factor)
-    assert [each.reproduced for each in found.printed] == said
-    assert ("direct is not from 20 times the field on" in found.sentence) == (factor > 1.0)
+@pytest.mark.parametrize(("factor", "message"), [(1.0, [False, True]), (2.0, [True, False])])
+def test_what_the_papers_say_is_judged_by_sums_about_zero(factor: float, message: list[bool]) -> None:
+    result = concluded(direct_about_zero=factor)
+    assert [figure.reproduced for figure in result.printed] == message
+    assert ("direct is not from 20 times the field on" in result.sentence) == (factor > 1.0)
 
 
 def test_measurements_are_of_ten_times_the_field() -> None:

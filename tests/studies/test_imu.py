@@ -32,9 +32,9 @@ def test_what_li_solves_is_the_schur_complement_of_the_sums() -> None:
     points = counts(7)
     rows = monomials(points.astype(float))
     sums = rows.T @ rows
-    wanted = sums[:6, :6] - sums[:6, 6:] @ np.linalg.solve(sums[6:, 6:], sums[6:, :6])
+    expected = sums[:6, :6] - sums[:6, 6:] @ np.linalg.solve(sums[6:, 6:], sums[6:, :6])
     # float64 loses the condition of the sums of 20 points, about 1e5, from 16 digits.
-    np.testing.assert_allclose(np.array(eliminated(points), dtype=float), wanted, rtol=1e-9)
+    np.testing.assert_allclose(np.array(eliminated(points), dtype=float), expected, rtol=1e-9)
 
 
 def test_a_scale_does_change_it() -> None:
@@ -83,17 +83,17 @@ def concluded(*, norm: float = 0.044, same: int = 1, frosio: float = 0.0) -> Con
 
 
 def test_a_figure_is_reproduced_within_the_range_of_most_instances() -> None:
-    printed = {each.figure: each for each in concluded().printed}
+    printed = {item.figure: item for item in concluded().printed}
     assert printed["norm, frosio, less mean"].reproduced  # .04372
     assert not printed["norm, li, before"].reproduced
-    assert {each.figure: each for each in concluded(norm=0.0501).printed}["norm, li, before"].reproduced
+    assert {item.figure: item for item in concluded(norm=0.0501).printed}["norm, li, before"].reproduced
 
 
-@pytest.mark.parametrize(("same", "frosio", "said"), [(1, 0.0, [True, False]), (0, 0.04, [False, True])])
-def test_the_claims_follow_from_the_instances(same: int, frosio: float, said: list[bool]) -> None:
-    found = concluded(same=same, frosio=frosio)
-    assert [each.reproduced for each in found.printed[-2:]] == said
-    values = {measurement.name: measurement.value for measurement in found.measurements}
+@pytest.mark.parametrize(("same", "frosio", "message"), [(1, 0.0, [True, False]), (0, 0.04, [False, True])])
+def test_the_claims_follow_from_the_instances(same: int, frosio: float, message: list[bool]) -> None:
+    result = concluded(same=same, frosio=frosio)
+    assert [item.reproduced for item in result.printed[-2:]] == message
+    values = {measurement.name: measurement.value for measurement in result.measurements}
     assert values["study.imu.li_differs"] == 40 * ACCELEROMETER * (1 - same)
     assert values["study.imu.frosio.without_fit"] == (0.0 if frosio else 100.0)
-    assert found.table.rows[len(METHODS) * JUDGED + FROSIO][5] == (0.0 if frosio else 100.0)
+    assert result.table.rows[len(METHODS) * JUDGED + FROSIO][5] == (0.0 if frosio else 100.0)

@@ -22,9 +22,9 @@ ROUNDING = 1e-12
 @pytest.fixture(scope="module")
 def in_c(require_tool: Callable[[str], object]) -> Kernel:
     require_tool("gcc")
-    found, reason = kernel()
-    assert found is not None, reason
-    return found
+    result, reason = kernel()
+    assert result is not None, reason
+    return result
 
 
 MODELS = st.builds(
@@ -69,13 +69,13 @@ def test_without_noise_the_points_are_the_distorted_sphere_and_its_fit_is_the_tr
     assert eigenvalues.min() >= 0.5
     assert eigenvalues.max() <= 1.5
     assert np.abs(drawn.hard_iron_ut).max() <= 100.0
-    for found in (fit_quadrics(drawn.points_ut), in_c.fit_quadrics(drawn.points_ut)):
-        assert found.is_ellipsoid.all()
+    for quadrics in (fit_quadrics(drawn.points_ut), in_c.fit_quadrics(drawn.points_ut)):
+        assert quadrics.is_ellipsoid.all()
         # The same 2**-30, where a cap of half the sphere is not seen, on radii of 25 to 75 uT.
-        np.testing.assert_allclose(found.centre, drawn.hard_iron_ut, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(quadrics.centre, drawn.hard_iron_ut, rtol=0, atol=1e-5)
         inverse = np.linalg.inv(drawn.soft_iron @ drawn.soft_iron)
         shape = inverse / np.trace(inverse, axis1=-1, axis2=-2)[:, None, None]
-        np.testing.assert_allclose(found.shape, shape, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(quadrics.shape, shape, rtol=0, atol=1e-7)
 
 
 def test_directions_are_even_outside_a_cap_and_noise_is_normal() -> None:
@@ -100,10 +100,10 @@ def test_directions_are_even_outside_a_cap_and_noise_is_normal() -> None:
 def test_c_and_numpy_fit_alike(in_c: Kernel, seed: int, points: int, noise_ut: float) -> None:
     drawn = draw_instances(Model(seed, points, noise_ut), 0, 7).points_ut
     one, other = fit_quadrics(drawn), in_c.fit_quadrics(drawn)
-    for k, each in enumerate(drawn):
-        half = np.ptp(each, axis=0).max() / 2
-        middle = (each.max(axis=0) + each.min(axis=0)) / 2
-        within = ROUNDING * np.linalg.cond(design((each - middle) / half)[0]) ** 2
+    for k, item in enumerate(drawn):
+        half = np.ptp(item, axis=0).max() / 2
+        middle = (item.max(axis=0) + item.min(axis=0)) / 2
+        within = ROUNDING * np.linalg.cond(design((item - middle) / half)[0]) ** 2
         np.testing.assert_allclose(other.shape[k], one.shape[k], rtol=0, atol=within * np.abs(one.shape[k]).max())
         # The inverse of the shape makes the centre, and its condition number multiplies what the shape is off.
         within *= np.linalg.cond(one.shape[k])
@@ -127,8 +127,8 @@ def test_as_many_are_no_ellipsoids_as_an_independent_program_counted(
     # That program drew 100 000 instances of 30 points at each noise; both counts scatter, by 4 standard errors at most.
     of = 100_000
     expected = of * in_a_million / 1e6
-    found = in_c.non_ellipsoids(Model(1, 30, noise_ut), 0, of)
-    assert abs(found - expected) < 4.0 * np.sqrt(2.0 * expected)
+    result = in_c.non_ellipsoids(Model(1, 30, noise_ut), 0, of)
+    assert abs(result - expected) < 4.0 * np.sqrt(2.0 * expected)
 
 
 def test_the_source_compiles_without_a_warning(tmp_path: Path, require_tool: Callable[[str], object]) -> None:

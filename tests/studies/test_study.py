@@ -37,8 +37,8 @@ class Progress:
         self.shown: list[tuple[str, int, int]] = []
         self._blocks = blocks
 
-    def __call__(self, what: str, done: int, of: int) -> None:
-        self.shown.append((what, done, of))
+    def __call__(self, case: str, done: int, of: int) -> None:
+        self.shown.append((case, done, of))
 
     def asked_to_end(self) -> bool:
         return len(self.shown) > self._blocks
@@ -83,8 +83,8 @@ def test_what_was_interrupted_goes_on_and_counts_nothing_twice(
     first, second = Progress(after), Progress()
     with pytest.raises(KeyboardInterrupt):
         run_study(PLAN, tmp_path, jobs=jobs, progress=first, asked_to_end=first.asked_to_end)
-    kept = [json.loads(line) for line in (tmp_path / BLOCKS_FILE).read_text(encoding="utf-8").splitlines()]
-    done = {each["number"] for each in kept if each["kind"] == "block"}
+    contents = [json.loads(line) for line in (tmp_path / BLOCKS_FILE).read_text(encoding="utf-8").splitlines()]
+    done = {item["number"] for item in contents if item["kind"] == "block"}
     assert after <= len(done) < 20
     assert not (tmp_path / "run.json").exists()
     run_study(PLAN, tmp_path, jobs=jobs, progress=second)
@@ -99,16 +99,16 @@ def test_the_command_goes_on_after_ctrl_c_and_after_being_killed(tmp_path: Path,
     words = ["study", "ellipsoids", "--instances", "20000", "--jobs", "2", "--out", str(tmp_path)]
     command = [sys.executable, "-m", "hiltest", *words]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    kept, until_s = tmp_path / BLOCKS_FILE, time.monotonic() + 60.0
-    while not (kept.exists() and b'"block"' in kept.read_bytes()) and time.monotonic() < until_s:
+    stored, until_s = tmp_path / BLOCKS_FILE, time.monotonic() + 60.0
+    while not (stored.exists() and b'"block"' in stored.read_bytes()) and time.monotonic() < until_s:
         time.sleep(0.005)
     os.killpg(process.pid, ended_by)  # as a terminal does: to the workers too
-    _, said = process.communicate(timeout=60.0)
+    _, answer = process.communicate(timeout=60.0)
     assert process.returncode == (2 if ended_by is signal.SIGINT else -signal.SIGKILL)
     if ended_by is signal.SIGINT:
-        assert "repeat the command to continue" in said
+        assert "repeat the command to continue" in answer
     assert not (tmp_path / "run.json").exists()
-    before = kept.read_bytes().count(b'"block"')
+    before = stored.read_bytes().count(b'"block"')
     assert 0 < before < 20
     assert run(*words) == 0
     again = tmp_path / "again"
@@ -159,9 +159,9 @@ def test_blocks_of_another_plan_are_neither_mixed_in_nor_thrown_away(tmp_path: P
 
 @given(instances=st.integers(1, 300_000))
 def test_blocks_have_every_instance_once(instances: int) -> None:
-    found = blocks_of(Plan("ellipsoids", 1, instances, 100))
+    blocks = blocks_of(Plan("ellipsoids", 1, instances, 100))
     for condition in range(len(NOISE_UT)):
-        mine = [block for block in found if block.condition == condition]
+        mine = [block for block in blocks if block.condition == condition]
         ends = [block.first + block.count for block in mine]
         assert [block.first for block in mine] == [0, *ends[:-1]]
         assert ends[-1] == instances
@@ -192,11 +192,11 @@ class TestEveryStudy:
         self, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         assert run("study", name, "--instances", "2", "--jobs", "1", "--out", str(tmp_path)) == 0
-        said = capsys.readouterr().out
+        output = capsys.readouterr().out
         record = read_record(tmp_path)
         assert not list(Draft202012Validator(json_schema("hiltest.run/1")).iter_errors(record.content))
         kinds = [identify(measurement.name).kind for measurement in record.run.measurements]
-        assert {kind.name for kind in kinds if kind} == {each for each in KINDS if each.startswith(f"study.{name}.")}
+        assert {kind.name for kind in kinds if kind} == {kind for kind in KINDS if kind.startswith(f"study.{name}.")}
         assert None not in kinds
         page = (tmp_path / "study.html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
         assert page.count("<svg") > 0
@@ -205,7 +205,7 @@ class TestEveryStudy:
         assert printed is not None
         assert bool(printed.rows) == ("What the papers printed" in page) == (name != "choose")
         for row in printed.rows:
-            assert f"{row[0]}: printed {row[2]}, measured" in said
+            assert f"{row[0]}: printed {row[2]}, measured" in output
             for text in (row[0], row[1]):
                 assert str(text) in page
         assert run("report", str(tmp_path)) == 0

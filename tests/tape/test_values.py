@@ -84,11 +84,11 @@ def test_numbers_that_are_keys_come_back_as_numbers() -> None:
 @given(JSON, st.sampled_from([Pose, CycleRange | None, BoardKind, dict[str, Vector], list[int], Truth | None, bool]))
 def test_whatever_a_file_holds_is_a_value_of_the_declared_type_or_a_valueerror(content: Any, hint: Any) -> None:
     try:
-        found = restored(hint, content)
+        result = restored(hint, content)
     except ValueError:
         return
     if isinstance(hint, type) and not hasattr(hint, "__args__"):
-        assert isinstance(found, hint)
+        assert isinstance(result, hint)
 
 
 @pytest.mark.parametrize(

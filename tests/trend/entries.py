@@ -52,7 +52,7 @@ def entry(
     evidence = Evidence(
         side,
         conditions,
-        {seed: {each.name: each for each in found} for seed, found in by_seed.items()},
+        {seed: {item.name: item for item in result} for seed, result in by_seed.items()},
         tolerances=tolerances or {},
     )
     return RunEntry(side.file, f"2026-01-{day:02d}T00:00:00Z", evidence)

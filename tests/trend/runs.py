@@ -39,7 +39,7 @@ def finished_run(
         calibrators=("direct",),
         sensors=(SensorRecord("MAG3110", "magnetometer", 1, 0x0E, present=True, selected=True),),
     )
-    found = Findings(
+    findings = Findings(
         Environment("bench", "Linux", "3.11.2", {"hiltest": "0.1.0"}),
         "gate",
         "all",
@@ -49,6 +49,6 @@ def finished_run(
         revision=revision,
         rig=RigRecord("virtual-k64f", "virtual-k64f.toml", "cd" * 32, "1.7 ± 0.2 deg", "ef" * 32),
     )
-    found.tests.append(TestResult("t.py::t", TestOutcome.PASSED, 1.0))
-    found.measurements.update((measurement.name, measurement) for measurement in measurements)
-    return found.finish(decide(found, pytest_exit=0), f"2026-01-{day:02d}T23:00:00Z")
+    findings.tests.append(TestResult("t.py::t", TestOutcome.PASSED, 1.0))
+    findings.measurements.update((measurement.name, measurement) for measurement in measurements)
+    return findings.finish(decide(findings, pytest_exit=0), f"2026-01-{day:02d}T23:00:00Z")

@@ -30,7 +30,7 @@ WriteRun = Callable[..., Path]
 
 def read(folder: Path) -> tuple[list[str], dict[str, str]]:
     entries, skipped = read_folder(folder)
-    return sorted(entry.file for entry in entries), {each.file: each.reason for each in skipped}
+    return sorted(entry.file for entry in entries), {test.file: test.reason for test in skipped}
 
 
 def test_runs_are_found_however_deep_and_whatever_they_are_called(tmp_path: Path, write: WriteRun) -> None:
@@ -141,7 +141,7 @@ def test_the_older_firmware_of_a_run_is_no_run_of_its_own(tmp_path: Path, write:
     assert ([entry.evidence.side.build_id for entry in entries], skipped) == (["newer"], [])
     # A folder that only has the name is one like others.
     (tmp_path / "out" / "against").rename(tmp_path / "against")
-    assert [each.evidence.side.build_id for each in read_folder(tmp_path)[0]] == ["older", "newer"]
+    assert [item.evidence.side.build_id for item in read_folder(tmp_path)[0]] == ["older", "newer"]
 
 
 def test_a_baseline_from_before_limits_were_kept_takes_none_away(tmp_path: Path, write: WriteRun) -> None:

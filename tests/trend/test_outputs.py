@@ -89,16 +89,16 @@ def test_a_step_is_marked_where_it_is_and_a_limit_where_it_holds() -> None:
     x, y = drawn.place(4.0, 11_161)
     assert f'<path class="mark step worse" transform="translate({x:.1f} {y:.1f})' in svg
     assert svg.count("mark step") == 1
-    (left, limit_y), (right, _) = drawn.place(0.5, 12_500), drawn.place(7.5, 12_500)
-    assert f'<path class="limit" d="M{left:.1f} {limit_y:.1f}L{right:.1f} {limit_y:.1f}"/>' in svg
+    (remainder, limit_y), (right, _) = drawn.place(0.5, 12_500), drawn.place(7.5, 12_500)
+    assert f'<path class="limit" d="M{remainder:.1f} {limit_y:.1f}L{right:.1f} {limit_y:.1f}"/>' in svg
 
 
 def test_lines_of_other_conditions_are_not_joined() -> None:
     trend = trend_of([entry(1, cycles(100)), entry(2, cycles(200, model="b"), model="b"), entry(3, cycles(100))])
     drawn = figure(trend.measured[0], RUNS[:3])
-    (left, y), (right, _) = drawn.place(1.0, 100), drawn.place(3.0, 100)
+    (remainder, y), (right, _) = drawn.place(1.0, 100), drawn.place(3.0, 100)
     svg = str(drawn.svg())
-    assert f'<path class="series-0" d="M{left:.1f} {y:.1f}L{right:.1f} {y:.1f}"/>' in svg
+    assert f'<path class="series-0" d="M{remainder:.1f} {y:.1f}L{right:.1f} {y:.1f}"/>' in svg
     assert 'class="series-1"' in svg
     assert "2 conditions that are not comparable" in svg
     key = re.findall(r"</svg>([^<]*)</li>", trend_page(trend, []))
@@ -137,9 +137,9 @@ def test_a_campaign_shows_its_spread() -> None:
 def made_for(*revisions: Revision | None) -> Trend:
     entries = []
     for day, revision in enumerate(revisions, 1):
-        found = entry(day, cycles(11_000 + 100 * day), build=f"b{day}")
-        side = replace(found.evidence.side, revision=revision)
-        entries.append(replace(found, evidence=replace(found.evidence, side=side)))
+        result = entry(day, cycles(11_000 + 100 * day), build=f"b{day}")
+        side = replace(result.evidence.side, revision=revision)
+        entries.append(replace(result, evidence=replace(result.evidence, side=side)))
     return trend_of(entries)
 
 

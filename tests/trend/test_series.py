@@ -32,7 +32,7 @@ def test_entries_stand_in_the_order_of_time_whatever_order_they_were_found_in() 
     entries = [entry(day, cycles(11_000 + day), file=f"{9 - day}.json") for day in range(1, 10)]
     random.Random(5).shuffle(entries)
     trend = trend_of(entries)
-    assert [each.when_utc[8:10] for each in trend.entries] == [f"{day:02d}" for day in range(1, 10)]
+    assert [entry_.when_utc[8:10] for entry_ in trend.entries] == [f"{day:02d}" for day in range(1, 10)]
     assert steps_of(trend) == [(index, index + 1, Change.WORSE) for index in range(8)]
 
 
@@ -54,11 +54,11 @@ def test_a_fact_that_changed_is_neither_better_nor_worse() -> None:
 )
 def test_other_conditions_are_a_line_of_their_own_and_never_compared(other: Mapping[str, object]) -> None:
     model = str(other.get("model", "cortex-m4-trm/2@sram"))
-    there = {"seeds": other["seeds"]} if "seeds" in other else {}
+    target = {"seeds": other["seeds"]} if "seeds" in other else {}
     trend = trend_of(
         [
             entry(1, cycles(11_061)),
-            entry(2, cycles(11_961, model=model), **(dict(other) | there)),  # type: ignore[arg-type]
+            entry(2, cycles(11_961, model=model), **(dict(other) | target)),  # type: ignore[arg-type]
             entry(3, cycles(11_061)),
             entry(4, cycles(11_061)),
         ]
@@ -78,7 +78,7 @@ def test_another_model_of_the_number_itself_is_not_joined_either() -> None:
 def test_a_number_in_another_unit_is_another_measurement() -> None:
     trend = trend_of([entry(1, check("x", 1, unit="deg")), entry(2, check("x", 60, unit="arcmin"))])
     assert steps_of(trend) == []
-    assert [(each.name, each.unit) for each in trend.measured] == [("x", "arcmin"), ("x", "deg")]
+    assert [(series.name, series.unit) for series in trend.measured] == [("x", "arcmin"), ("x", "deg")]
 
 
 def test_a_compiler_that_changed_does_not_hide_a_step() -> None:

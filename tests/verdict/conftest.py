@@ -29,7 +29,7 @@ def changed(real_record: dict[str, Any], tmp_path: Path) -> Changed:
                 place = place[step]
             assert last in place, path
             place[last] = value
-        names = {each["name"]: each for each in record["measurements"]}
+        names = {measurement["name"]: measurement for measurement in record["measurements"]}
         for name, value in (values or {}).items():
             names[name]["value"] = value
         (tmp_path / folder).mkdir(parents=True, exist_ok=True)

@@ -57,7 +57,7 @@ def evidence(
         seeds=numbered,
         saved_utc="2026-01-02T03:04:05Z",
     )
-    measured = {seed: {each.name: each for each in made} for seed, made in zip(numbered, by_seed, strict=True)}
+    measured = {seed: {item.name: item for item in result} for seed, result in zip(numbered, by_seed, strict=True)}
     return Evidence(side, conditions, measured, tolerances or {})
 
 

@@ -27,7 +27,7 @@ def run(
     direct: float | None = 11_061, heading: float | None = 0.9, lag: float | None = 8.0, *, build: str = ""
 ) -> Evidence:
     """Return a run over two seeds."""
-    made = [
+    results = [
         [
             measurement("cycles.direct.total", direct, unit="cycle"),
             measurement("heading.direct.max", None if heading is None else heading * seed, unit="deg"),
@@ -37,7 +37,7 @@ def run(
         ]
         for seed in (1, 2)
     ]
-    made_with = evidence(*made)
+    made_with = evidence(*results)
     return replace(made_with, side=replace(made_with.side, build_id=build)) if build else made_with
 
 
@@ -52,8 +52,8 @@ def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Basel
     assert read_baseline(file) == baseline
     comparison = compare(read_evidence(file), run())
     assert comparison.evaluated
-    assert {each.name for each in comparison.differences_with(Change.UNCHANGED)} == {
-        each.name for each in comparison.differences
+    assert {difference.name for difference in comparison.differences_with(Change.UNCHANGED)} == {
+        difference.name for difference in comparison.differences
     }
     assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
     assert len(comparison.base.sha256) == 64
@@ -82,8 +82,8 @@ def test_one_is_accepted_by_name_and_all_others_stay(baseline: Baseline) -> None
     (entry,) = after.history
     build_id = "0123456789abcdef"
     assert entry == Accepted("cycles.direct.total", "checks its input", NOW, build_id, 11_061, 11_161, build_id)
-    kept = [row for row in after.measurements if row.name != "cycles.direct.total"]
-    assert kept == [row for row in baseline.measurements if row.name != "cycles.direct.total"]
+    rows = [row for row in after.measurements if row.name != "cycles.direct.total"]
+    assert rows == [row for row in baseline.measurements if row.name != "cycles.direct.total"]
     comparison = compare(evidence_from(after, "", ""), run(11_161, 1.5))
     others = [difference for difference in comparison.differences if difference.change is not Change.UNCHANGED]
     assert [(other.name, other.change) for other in others] == [("heading.direct.max", Change.WORSE)]
@@ -92,7 +92,7 @@ def test_one_is_accepted_by_name_and_all_others_stay(baseline: Baseline) -> None
 def test_a_pattern_moves_all_that_it_matches_and_history_goes_on(baseline: Baseline) -> None:
     once = accept(baseline, run(heading=1.0), ["heading.*"], because="first", when_utc=THEN)
     twice = accept(once, run(11_161, 1.0, 9.0), ["*"], because="second", when_utc=NOW)
-    assert [(each.name, each.because) for each in twice.history] == [
+    assert [(state.name, state.because) for state in twice.history] == [
         ("heading.direct.max", "first"),
         ("compass.lag", "second"),
         ("cycles.direct.total", "second"),
@@ -125,15 +125,15 @@ def test_every_measurement_keeps_the_build_that_it_is_of(tmp_path: Path) -> None
         ("cycles.direct.total", "b"),
         ("heading.direct.max", None),
     ]
-    assert [(each.name, each.was_build_id, each.build_id) for each in of_c.history] == [
+    assert [(item.name, item.was_build_id, item.build_id) for item in of_c.history] == [
         ("cycles.direct.total", "a", "b"),
         ("compass.lag", "a", "c"),
     ]
     assert (of_c.side.build_id, of_c.saved_utc, of_c.side.saved_utc) == ("a", NOW, NOW)
-    said = "build a, with 1 measurement accepted from build b and 1 measurement accepted from build c"
-    assert build(of_c.side) == said, "in the file itself"
+    answer = "build a, with 1 measurement accepted from build b and 1 measurement accepted from build c"
+    assert build(of_c.side) == answer, "in the file itself"
     side = read_back(of_c, tmp_path)
-    assert build(side.side) == said
+    assert build(side.side) == answer
     assert side.builds == {"compass.lag": "c", "cycles.direct.total": "b"}
     again = accept(of_c, run(11_261, 1.5, 9.0, build="d"), ["cycles.*"], because="more yet", when_utc=NOW)
     assert (again.history[2].was_build_id, again.history[2].build_id) == ("b", "d")
@@ -150,7 +150,7 @@ def test_a_baseline_whose_numbers_are_all_of_one_run_is_of_its_build(tmp_path: P
     after = accept(baseline_of(run(build="a"), THEN), newer, ["cycles.*", "heading.*"], because="x", when_utc=NOW)
     assert build(after.side) == "build b"
     assert after.measurements == baseline_of(newer, NOW).measurements
-    assert [each.was_build_id for each in after.history] == ["a", "a"]
+    assert [state.was_build_id for state in after.history] == ["a", "a"]
     assert read_back(after, tmp_path).side.seeds == (1, 2)
     # A number that goes back to what the side's build has is that build's again.
     back = accept(
@@ -169,7 +169,7 @@ def test_a_line_that_says_no_more_what_it_said_is_written_so(tmp_path: Path) -> 
     after = accept(mixed, run(1, 2, build="b"), ["*"], because="the rest", when_utc=NOW)
     assert build(after.side) == "build b"
     written = json.loads(to_json(after, before))
-    assert [each for each in written["measurements"] if "build_id" in each] == []
+    assert [number for number in written["measurements"] if "build_id" in number] == []
     before["measurements"][0]["moon"] = "full"
     assert json.loads(to_json(mixed, before))["measurements"] == before["measurements"]
     (tmp_path / "base.json").write_text(to_json(after, before), encoding="utf-8")
@@ -181,7 +181,7 @@ def test_nothing_is_taken_out_because_its_test_was_not_chosen(baseline: Baseline
     with pytest.raises(ConfigError, match=r"only chosen tests ran, and run.json has no compass.lag and 1 more"):
         accept(baseline, chosen, ["*"], because="x", when_utc=NOW)
     after = accept(baseline, chosen, ["cycles.*"], because="x", when_utc=NOW)
-    assert [each.name for each in after.history] == ["cycles.direct.total"]
+    assert [state.name for state in after.history] == ["cycles.direct.total"]
     assert len(after.measurements) == len(baseline.measurements)
 
 
@@ -190,12 +190,12 @@ def test_a_tolerance_that_an_older_file_does_not_state_is_no_change(baseline: Ba
     assert accept(baseline, replace(run(), in_force=stated), ["*"], because="x", when_utc=NOW) == baseline
     newer = replace(run(11_161, build="b"), in_force=stated)
     after = accept(baseline, newer, ["cycles.*"], because="x", when_utc=NOW)
-    assert [each.name for each in after.history] == ["cycles.direct.total"]
+    assert [state.name for state in after.history] == ["cycles.direct.total"]
     assert build(after.side) == "build b"
     assert after.measurements == baseline_of(newer, NOW).measurements
     assert '"tolerance"' not in to_json(baseline)
     wider = replace(newer, in_force={**stated, "compass.lag": Tolerance(1.0, 0.0)})
-    assert [each.name for each in accept(after, wider, ["*"], because="x", when_utc=NOW).history[1:]] == ["compass.lag"]
+    assert [item.name for item in accept(after, wider, ["*"], because="x", when_utc=NOW).history[1:]] == ["compass.lag"]
 
 
 def test_nothing_that_is_the_same_is_entered_in_the_history(baseline: Baseline) -> None:
@@ -268,11 +268,11 @@ def test_the_sense_of_one_s_own_measurement_goes_through_a_baseline(tmp_path: Pa
     file = tmp_path / "base.json"
     sides = []
     for lag in (8.0, 9.0):
-        made = evidence([measurement("compass.lag", lag, limit=Limit(max=10)), measurement("link.retried", 0)])
-        file.write_text(to_json(baseline_of(made, THEN)), encoding="utf-8")
+        side = evidence([measurement("compass.lag", lag, limit=Limit(max=10)), measurement("link.retried", 0)])
+        file.write_text(to_json(baseline_of(side, THEN)), encoding="utf-8")
         sides.append(read_evidence(file))
-    (found,) = compare(*sides).differences_with(Change.WORSE)
-    assert (found.name, found.limit) == ("compass.lag", Limit(max=10))
+    (result,) = compare(*sides).differences_with(Change.WORSE)
+    assert (result.name, result.limit) == ("compass.lag", Limit(max=10))
     text = file.read_text(encoding="utf-8")
     assert text.count('"limit"') == 1  # one that has none is written as ever
     file.write_text(text.replace(', "limit": {"min": null, "max": 10}', ""), encoding="utf-8")

@@ -111,8 +111,8 @@ def test_predicted_residual_is_what_a_linear_fit_of_noise_leaves() -> None:
         x, y, z = u.T
         terms = np.stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z], axis=1)
         noise = (generator.normal(size=60) * 0.4 + (generator.random(60) - 0.5) * 0.1) / 48.5
-        left = noise - terms @ np.linalg.lstsq(terms, noise, rcond=None)[0]
-        squares.append(np.mean(left**2))
+        remainder = noise - terms @ np.linalg.lstsq(terms, noise, rcond=None)[0]
+        squares.append(np.mean(remainder**2))
     predicted = predicted_residual_percent(0.4, 48.5, 60)
     assert 100.0 * math.sqrt(np.mean(squares)) == pytest.approx(predicted, rel=0.02)  # 4 sigma of the rms
 

@@ -55,10 +55,10 @@ class Bench:
 
     def tables(self) -> list[Table]:
         matrix = [f"{row}{column}" for row in "xyz" for column in "xyz"]
-        vectors = [f"{what}_{axis}" for what in ("field", "gravity") for axis in "xyz"]
+        vectors = [f"{name}_{axis}" for name in ("field", "gravity") for axis in "xyz"]
         readings = [f"{sensor}_{axis}" for sensor in ("magnetometer", "accelerometer") for axis in "xyz"]
-        held = [*(f"soft_iron_{each}" for each in matrix), *(f"hard_iron_{each}" for each in "xyz")]
-        gravity = [*(f"gain_{each}" for each in matrix), *(f"offset_{each}" for each in "xyz")]
+        held = [*(f"soft_iron_{row}" for row in matrix), *(f"hard_iron_{axis}" for axis in "xyz")]
+        gravity = [*(f"gain_{row}" for row in matrix), *(f"offset_{axis}" for axis in "xyz")]
         soft_iron, hard_iron = self.held
         nominal = [*(np.eye(3) / 8192.0).ravel(), 0.0, 0.0, 0.0]
         return [
@@ -106,26 +106,26 @@ class Bench:
             tilt_heading(*pair).heading_deg for pair in zip(gravity, right.corrected(self.magnetometer), strict=True)
         ]
         known = [pose.heading_deg for pose in POSES]
-        errors = np.array([heading_error_deg(*each) for each in zip(headings, known, strict=True)])
-        arithmetic = max(abs(heading_error_deg(*each)) for each in zip(headings, in_float64, strict=True))
+        errors = np.array([heading_error_deg(*item) for item in zip(headings, known, strict=True)])
+        arithmetic = max(abs(heading_error_deg(*item)) for item in zip(headings, in_float64, strict=True))
         bias = math.degrees(math.atan2(np.sin(np.radians(errors)).mean(), np.cos(np.radians(errors)).mean()))
         centred = np.abs((errors - bias + 180) % 360 - 180).max()
         held = type(right)(FitStatus.ELLIPSOID, False, 0, soft_iron, hard_iron)
-        made = [
+        results = [
             check(f"heading.{self.name}.max", np.abs(errors).max(), unit="deg", limit=Limit(max=self.worst_limit)),
             check(f"heading.{self.name}.bias", bias, unit="deg", limit=Limit.within(0.7)),
             check(f"heading.{self.name}.max_centred", centred, unit="deg", limit=Limit(max=self.worst_limit)),
         ]
         if self.name == "direct":
-            made += [
+            results += [
                 check("fit.direct.residual", residual_percent(self.points, held), unit="%"),
                 check("heading.direct.float32_error", arithmetic, unit="deg", limit=Limit(max=0.002)),
             ]
-        return [*made, check("fit.direct.residual_predicted", PREDICTED, unit="%")]
+        return [*results, check("fit.direct.residual_predicted", PREDICTED, unit="%")]
 
 
 def table(name: str, columns: list[str], rows: list[list[object]]) -> Table:
-    return Table(name, tuple(Column(each) for each in columns), tuple(tuple(row) for row in rows))  # type: ignore[arg-type]
+    return Table(name, tuple(Column(column) for column in columns), tuple(tuple(row) for row in rows))  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -135,9 +135,9 @@ def sentence(findings: Make) -> Callable[..., str]:
     def say(bench: Bench, *more: Measurement, broken: str = "") -> str:
         failed = TestResult("test_dpi.py::test", TestOutcome.FAILED, 1.0, broken)
         tests = (TestResult(HEADING_TEST, TestOutcome.PASSED, 1.0), *([failed] if broken else []))
-        made = findings(*bench.measurements(), *more, tests=tests, tables=False)
-        made.tables.update((each.name, each) for each in bench.tables())
-        return decide(made, pytest_exit=1).sentence
+        run = findings(*bench.measurements(), *more, tests=tests, tables=False)
+        run.tables.update((item.name, item) for item in bench.tables())
+        return decide(run, pytest_exit=1).sentence
 
     return say
 
@@ -192,18 +192,18 @@ def test_what_is_wrong_is_named_with_its_size(sentence: Callable[..., str], benc
 
 
 def test_a_dip_of_the_opposite_sign_is_named_though_no_heading_depends_on_it(sentence: Callable[..., str]) -> None:
-    told = sentence(Bench(real_field=FIELD_NED * [1, 1, -1]), MIRRORED, broken="dpi of 300 rows: MIRRORED")
-    assert "Likely cause: the dip has the opposite sign of the declared one." in told
+    answer = sentence(Bench(real_field=FIELD_NED * [1, 1, -1]), MIRRORED, broken="dpi of 300 rows: MIRRORED")
+    assert "Likely cause: the dip has the opposite sign of the declared one." in answer
 
 
 def test_a_refusal_as_mirrored_of_what_is_right_is_the_firmwares(sentence: Callable[..., str]) -> None:
-    told = sentence(Bench(), MIRRORED, broken="dpi of 300 rows: MIRRORED")
-    assert "Likely cause: dpi refuses points as MIRRORED although the known angles confirm their axes" in told
+    answer = sentence(Bench(), MIRRORED, broken="dpi of 300 rows: MIRRORED")
+    assert "Likely cause: dpi refuses points as MIRRORED although the known angles confirm their axes" in answer
 
 
 def test_what_could_not_be_evaluated_comes_behind_the_cause(sentence: Callable[..., str]) -> None:
     names = [f"cycles.{name}.total" for name in ("direct", "iterative", "corrected")]
     unset = unmet_limits(dict.fromkeys(names, Limit(max=1)), dict.fromkeys(names, "cycle"), [], ["direct"])
     for broken in ("", "dpi of 300 rows: MIRRORED"):
-        told = sentence(Bench(held_offset=[6, 0, 0]), *unset, broken=broken)
-        assert told.index("Likely cause: hard-iron error") < told.lower().index("cycles.direct.total")
+        answer = sentence(Bench(held_offset=[6, 0, 0]), *unset, broken=broken)
+        assert answer.index("Likely cause: hard-iron error") < answer.lower().index("cycles.direct.total")

@@ -24,22 +24,22 @@ def test_a_baseline_is_updated_by_its_file_and_the_names() -> None:
 
 def test_a_run_with_fewer_seeds_than_the_baseline_is_no_way_to_update_it() -> None:
     one = over_seeds(NAME, 4)
-    said = how_to_keep(compare(BASELINE, one), "hil-out", "--firmware mine.elf")
+    answer = how_to_keep(compare(BASELINE, one), "hil-out", "--firmware mine.elf")
     first = "hiltest run --firmware mine.elf --seeds 1..8 --out hil-out/seeds"
-    assert said == f"1 better; keep it: run its seeds, {first}, then {UPDATE.replace('hil-out', 'hil-out/seeds')}"
-    said = how_to_keep(compare(BASELINE, one), "hil-out", "")
-    assert "run its seeds, hiltest run --seeds 1..8 --out hil-out/seeds, then " in said
+    assert answer == f"1 better; keep it: run its seeds, {first}, then {UPDATE.replace('hil-out', 'hil-out/seeds')}"
+    answer = how_to_keep(compare(BASELINE, one), "hil-out", "")
+    assert "run its seeds, hiltest run --seeds 1..8 --out hil-out/seeds, then " in answer
 
 
 def test_where_nobody_knows_what_a_run_was_started_with_the_words_say_so() -> None:
-    said = how_to_keep(compare(BASELINE, over_seeds(NAME, 4)), "kept/run.json")
+    answer = how_to_keep(compare(BASELINE, over_seeds(NAME, 4)), "kept/run.json")
     first = "run its seeds with the OPTIONS of the run kept/run.json, hiltest run OPTIONS --seeds 1..8 --out DIR"
-    assert said == f"1 better; keep it: {first}, then {UPDATE.replace('hil-out', 'DIR')}"
+    assert answer == f"1 better; keep it: {first}, then {UPDATE.replace('hil-out', 'DIR')}"
 
 
 def test_a_run_is_replaced_and_not_updated() -> None:
-    said = how_to_keep(compare(BASE, BETTER), "hil out")
-    assert said == "1 better; keep it: hiltest baseline save 'hil out' FILE, and --baseline FILE from then on"
+    answer = how_to_keep(compare(BASE, BETTER), "hil out")
+    assert answer == "1 better; keep it: hiltest baseline save 'hil out' FILE, and --baseline FILE from then on"
 
 
 @pytest.mark.parametrize(

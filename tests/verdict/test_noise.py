@@ -42,17 +42,17 @@ def on_a_bench(runs: np.ndarray) -> Evidence:
 
 
 def _made(values: np.ndarray) -> list[list[Measurement]]:
-    return [[measurement(name, float(each)) for name, each in zip(NAMES, row, strict=True)] for row in values]
+    return [[measurement(name, float(item)) for name, item in zip(NAMES, row, strict=True)] for row in values]
 
 
 def seen(comparison: Comparison, name: str) -> float:
-    (found,) = (difference.seen for difference in comparison.differences if difference.name == name)
-    assert found is not None
-    return found
+    (result,) = (difference.seen for difference in comparison.differences if difference.name == name)
+    assert result is not None
+    return result
 
 
 def called(comparison: Comparison, name: str) -> bool:
-    return name in {each.name for each in comparison.differences_with(Change.WORSE)}
+    return name in {difference.name for difference in comparison.differences_with(Change.WORSE)}
 
 
 @pytest.mark.parametrize("freedom", [4, 7, 14, 60])
@@ -83,15 +83,15 @@ def test_pairs_that_all_moved_alike_have_no_noise() -> None:
 
 
 def test_a_bench_s_own_noise_counts_from_five_runs_and_one_on() -> None:
-    known = Deviation(0.05, 60)
-    single = unpaired([0.3], [0.4], known)
+    deviation = Deviation(0.05, 60)
+    single = unpaired([0.3], [0.4], deviation)
     assert single == Noise(0.05, 60, 2**0.5, of_these_runs=False)
     assert unpaired([0.3], [0.4], None) is None
-    own = unpaired([0.1, 0.3, 0.5, 0.2, 0.4], [0.7], known)
+    own = unpaired([0.1, 0.3, 0.5, 0.2, 0.4], [0.7], deviation)
     assert own is not None
     assert (own.deviation, own.freedom, own.of_these_runs) == (pytest.approx(stdev([1, 2, 3, 4, 5]) / 10), 4, True)
     # A few runs that differ by more than those of the default rig are believed, fewer and quieter ones are not.
-    loud, quiet = unpaired([0.1, 0.9], [0.5], known), unpaired([0.5, 0.5], [0.5], known)
+    loud, quiet = unpaired([0.1, 0.9], [0.5], deviation), unpaired([0.5, 0.5], [0.5], deviation)
     assert loud is not None
     assert loud.deviation == pytest.approx(0.8 / 2**0.5)
     assert quiet is not None
@@ -152,7 +152,7 @@ def test_200_pairs_of_runs_on_a_bench(before: int, after: int, scale: int) -> No
     The deviations of one run against one are those of the default rig: a bench that is noisier has to say so.
     """
     random = np.random.default_rng([before, after, scale])
-    deviations = scale * np.array([known.value for name in NAMES if (known := deviation_of(name))])
+    deviations = scale * np.array([deviation.value for name in NAMES if (deviation := deviation_of(name))])
     middle = 20.0 * deviations  # far from zero, where a bias would turn its sign
 
     def compared(base: np.ndarray, new: np.ndarray) -> Comparison:
@@ -201,8 +201,8 @@ def test_200_pairs_of_campaigns() -> None:
 
 def bench(name: str, *values: float, **more: object) -> Evidence:
     """Return runs of a real board that measured one thing."""
-    made = ([measurement(name, value, unit="deg", **more)] for value in values)  # type: ignore[arg-type]
-    return evidence(*made, conditions=ON_A_BENCH)
+    result = ([measurement(name, value, unit="deg", **more)] for value in values)  # type: ignore[arg-type]
+    return evidence(*result, conditions=ON_A_BENCH)
 
 
 def test_on_a_bench_the_rms_decides_and_the_largest_error_informs() -> None:
@@ -210,11 +210,11 @@ def test_on_a_bench_the_rms_decides_and_the_largest_error_informs() -> None:
         made = [measurement("heading.direct.rms", rms, **more), measurement("heading.direct.max", largest, **more)]
         return evidence(made, conditions=ON_A_BENCH)
 
-    found = {difference.name: difference for difference in compare(run(0.4, 0.9), run(0.4, 9.9)).differences}
-    assert found["heading.direct.max"].change is Change.CHANGED
-    assert found["heading.direct.max"].note == "on a real board heading.direct.rms decides"
+    results = {difference.name: difference for difference in compare(run(0.4, 0.9), run(0.4, 9.9)).differences}
+    assert results["heading.direct.max"].change is Change.CHANGED
+    assert results["heading.direct.max"].note == "on a real board heading.direct.rms decides"
     comparison = compare(run(0.4, 0.9), run(2.4, 9.9))
-    assert [each.name for each in comparison.differences_with(Change.WORSE)] == ["heading.direct.rms"]
+    assert [difference.name for difference in comparison.differences_with(Change.WORSE)] == ["heading.direct.rms"]
     alone = compare(bench("heading.direct.max", 0.9), bench("heading.direct.max", 9.9))
     assert alone.regression, "without an rms it decides"
 
@@ -228,7 +228,7 @@ def test_a_largest_error_decides_where_the_rig_states_its_tolerance() -> None:
         )
         for value in (0.4, 0.52)
     )
-    assert [each.name for each in compare(base, new).differences_with(Change.WORSE)] == [names[1]]
+    assert [difference.name for difference in compare(base, new).differences_with(Change.WORSE)] == [names[1]]
     within = evidence([measurement(name, 0.49) for name in names], conditions=ON_A_BENCH)
     assert not compare(base, replace(within, tolerances=new.tolerances)).regression
 
@@ -243,16 +243,16 @@ def test_a_largest_error_that_leaves_its_limit_is_worse_on_a_bench_too() -> None
         ],
         conditions=ON_A_BENCH,
     )
-    assert [each.name for each in compare(good, bad).differences_with(Change.WORSE)] == [names[1]]
+    assert [difference.name for difference in compare(good, bad).differences_with(Change.WORSE)] == [names[1]]
 
 
 def test_what_runs_of_a_bench_differ_by_is_the_tolerance_that_is_shown() -> None:
     base, new = bench("compass.lag", 4.0, 5.0, 6.0, 5.0, 5.0), bench("compass.lag", 5.5)
-    (found,) = compare(base, new).differences
-    assert (found.change, found.base, found.new) == (Change.UNCHANGED, 5.0, 5.5)
-    assert found.tolerance.absolute == pytest.approx(t.ppf(1.0 - FALSE_ALARMS / 2, 4) * 0.5**0.5 * 1.2**0.5)
-    (found,) = compare(base, bench("compass.lag", 9.5)).differences
-    assert found.change is Change.CHANGED
+    (result,) = compare(base, new).differences
+    assert (result.change, result.base, result.new) == (Change.UNCHANGED, 5.0, 5.5)
+    assert result.tolerance.absolute == pytest.approx(t.ppf(1.0 - FALSE_ALARMS / 2, 4) * 0.5**0.5 * 1.2**0.5)
+    (result,) = compare(base, bench("compass.lag", 9.5)).differences
+    assert result.change is Change.CHANGED
 
 
 @pytest.mark.parametrize("side", ["base", "new"])
@@ -261,9 +261,9 @@ def test_a_run_of_several_without_a_number_is_never_left_out(side: str) -> None:
     whole = bench(name, 0.4, 0.5, 0.4, 0.5, 0.4)
     some = evidence(*([measurement(name, value)] for value in (0.4, 0.5, None)), conditions=ON_A_BENCH)
     comparison = compare(some, whole) if side == "base" else compare(whole, some)
-    (found,) = comparison.differences
-    assert found.change is (Change.NEW if side == "base" else Change.GONE)
-    assert comparison.evaluated is (side == "base" and bool(found.seeds))
+    (result,) = comparison.differences
+    assert result.change is (Change.NEW if side == "base" else Change.GONE)
+    assert comparison.evaluated is (side == "base" and bool(result.seeds))
 
 
 def test_a_test_that_one_of_several_runs_lacks_is_missed() -> None:
@@ -278,15 +278,15 @@ def test_a_test_that_one_of_several_runs_lacks_is_missed() -> None:
 def test_what_would_be_worse_alone_is_shown_among_many() -> None:
     """0.30 deg between two single runs are three standard deviations: nothing to pass over, and no proof."""
     names = [
-        f"heading.{calibrator}.{what}"
+        f"heading.{calibrator}.{name}"
         for calibrator in ("direct", "corrected", "dpi", "iterative")
-        for what in ("rms", "bias", "tilt_sensitivity")
+        for name in ("rms", "bias", "tilt_sensitivity")
     ]
     base = evidence([measurement(name, 0.4) for name in names], conditions=ON_A_BENCH)
     new = evidence([measurement(name, 0.4 + 0.3 * (name == names[0])) for name in names], conditions=ON_A_BENCH)
-    (found,) = compare(base, new).differences_with(Change.CHANGED)
-    assert found.name == names[0]
-    assert "but not of 12: compare more runs" in found.note
+    (result,) = compare(base, new).differences_with(Change.CHANGED)
+    assert result.name == names[0]
+    assert "but not of 12: compare more runs" in result.note
     assert compare(bench(names[0], 0.4), bench(names[0], 0.7)).regression
 
 
@@ -301,14 +301,15 @@ def test_a_tolerance_is_kept_on_a_bench_that_is_quieter_and_gives_way_to_noise()
     quiet = [0.0001 * (-1.0) ** number for number in range(8)]
     for moved, change in ((0.004, Change.UNCHANGED), (0.006, Change.WORSE)):
         name = "fit.direct.rotation_left"
-        (found,) = compare(
-            bench(name, *(0.02 + each for each in quiet)), bench(name, *(0.02 + moved + each for each in quiet))
+        (result,) = compare(
+            bench(name, *(0.02 + deviation for deviation in quiet)),
+            bench(name, *(0.02 + moved + deviation for deviation in quiet)),
         ).differences
-        assert found.change is change
-        assert found.tolerance.absolute == 0.005
+        assert result.change is change
+        assert result.tolerance.absolute == 0.005
     loud = [0.12 * (-1.0) ** number for number in range(200)]
-    base, new = (bench("heading.dpi.rms", *(middle + each for each in loud)) for middle in (0.40, 0.47))
-    (found,) = compare(base, new).differences
-    assert found.change is Change.WORSE
-    assert found.seen is not None
-    assert found.seen < 0.07 < 0.1
+    base, new = (bench("heading.dpi.rms", *(middle + item for item in loud)) for middle in (0.40, 0.47))
+    (result,) = compare(base, new).differences
+    assert result.change is Change.WORSE
+    assert result.seen is not None
+    assert result.seen < 0.07 < 0.1

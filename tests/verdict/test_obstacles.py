@@ -154,8 +154,8 @@ def test_flags_in_another_order_or_twice_are_the_same_flags() -> None:
 def test_cycles_that_another_model_counted_are_no_further_reason_and_others_that_are_gone_are() -> None:
     values = {"cycles.direct.total": 10_838, "cycles.x.total": 5, "link.retried": 0}
     base = evidence([measurement(name, value) for name, value in values.items()])
-    made = base.measurements[1]
-    otherwise = {name: replace(each, cycle_model=each.cycle_model and "dwt") for name, each in made.items()}
+    result = base.measurements[1]
+    otherwise = {name: replace(item, cycle_model=item.cycle_model and "dwt") for name, item in result.items()}
     new = replace(base, side=replace(base.side, cycle_model="dwt"), measurements={1: otherwise})
     (reason,) = compare(base, new).obstacles
     assert reason.startswith(f"another cycle model: {MODEL} before, dwt now")
@@ -186,7 +186,7 @@ def test_a_measurement_that_is_gone_is_named_with_the_way_to_accept_it(changed: 
     assert reason == (
         f"{begins}accept that with `hiltest baseline update {base} {new} --accept heading.direct.max --because TEXT`"
     )
-    chosen = [replace(read_evidence(each), chosen=True) for each in (base, new)]
+    chosen = [replace(read_evidence(side), chosen=True) for side in (base, new)]
     (reason,) = compare(*chosen, together=True).obstacles
     assert reason == f"{begins}omit its test from both runs: -- -k 'not test_heading_at_known_angles'"
 
@@ -211,8 +211,8 @@ def test_a_campaign_is_one_side(changed: Changed, tmp_path: Path) -> None:
     assert comparison.obstacles == (
         f"{tmp_path / 'base'}: the campaign was cut short: it has no seeds.json; repeat it",
     )
-    (found,) = (difference for difference in comparison.differences if difference.name == "cycles.direct.total")
-    assert (found.change, found.seeds, found.new) == ("better", 8, 9_995.5)
+    (result,) = (difference for difference in comparison.differences if difference.name == "cycles.direct.total")
+    assert (result.change, result.seeds, result.new) == ("better", 8, 9_995.5)
     assert comparison.base.seeds == tuple(range(1, 9))
 
 
@@ -302,17 +302,17 @@ def test_where_no_board_answered_that_alone_is_the_reason(changed: Changed) -> N
         "no board answered; run it again",
     ]
     without = compared(changed("base"), changed("without", {"board": None, "measurements": []})).obstacles
-    assert [each.partition(": ")[0] for each in without if "gone" not in each] == ["another kind of board"]
+    assert [item.partition(": ")[0] for item in without if "gone" not in item] == ["another kind of board"]
 
 
 def test_where_no_seed_left_a_record_the_reason_of_that_is_the_only_one(changed: Changed) -> None:
-    said = "it wrote: ERROR: no such rig"
-    nothing = evidence_of_all([SeedResult(seed, 22, said) for seed in range(1, 6)], "hil-out")
+    answer = "it wrote: ERROR: no such rig"
+    nothing = evidence_of_all([SeedResult(seed, 22, answer) for seed in range(1, 6)], "hil-out")
     assert compare(read_evidence(changed("base")), nothing).obstacles == (
-        f"hil-out: no record on seed 1, 2, 3 and 2 more: {said}",
+        f"hil-out: no record on seed 1, 2, 3 and 2 more: {answer}",
     )
-    two = evidence_of_all([SeedResult(1, 22, said), SeedResult(2, 22, "gone")], "hil-out")
-    assert two.faults == (f"hil-out: no record on seed 1: {said}", "hil-out: no record on seed 2: gone")
+    two = evidence_of_all([SeedResult(1, 22, answer), SeedResult(2, 22, "gone")], "hil-out")
+    assert two.faults == (f"hil-out: no record on seed 1: {answer}", "hil-out: no record on seed 2: gone")
 
 
 def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, TestOutcome]]:
@@ -338,13 +338,13 @@ def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, TestOutcome]]:
 def test_what_passed_before_and_is_no_test_any_more_is_missed(
     before: dict[str, str], after: dict[str, str], missing: str
 ) -> None:
-    made = evidence([measurement("link.retried", 0)])
-    base, new = replace(made, tests=on_seed_1(**before)), replace(made, tests=on_seed_1(**after))
+    side = evidence([measurement("link.retried", 0)])
+    base, new = replace(side, tests=on_seed_1(**before)), replace(side, tests=on_seed_1(**after))
     reasons = compare(base, new).obstacles
-    assert [each.partition(", or ")[0] for each in reasons] == (
+    assert [reason.partition(", or ")[0] for reason in reasons] == (
         [f"test missing: test_lamp.py::{missing}"] if missing else []
     )
-    assert compare(made, new).obstacles == ()  # of a base from before they were kept
+    assert compare(side, new).obstacles == ()  # of a base from before they were kept
     if missing:
         (reason,) = compare(base, new, together=True).obstacles
         assert reason.endswith("or omit it from both runs: -- -k 'not test_a'")
@@ -372,14 +372,14 @@ def test_what_is_new_because_its_test_failed_in_the_base_was_not_compared(outcom
 
 
 def test_a_test_that_moved_to_another_folder_is_the_same_and_each_of_two_of_a_name_counts() -> None:
-    made = evidence([measurement("link.retried", 0)])
+    side = evidence([measurement("link.retried", 0)])
     two, moved_there = (
         {1: dict.fromkeys(("a/test_lamp.py::test_a", f"{folder}/test_lamp.py::test_a"), TestOutcome.PASSED)}
         for folder in "bc"
     )
-    moved = replace(made, tests=moved_there)
-    assert compare(replace(made, tests=two), moved).obstacles == ()
-    assert len(compare(moved, replace(made, tests=on_seed_1(test_a="passed"))).obstacles) == 1
+    moved = replace(side, tests=moved_there)
+    assert compare(replace(side, tests=two), moved).obstacles == ()
+    assert len(compare(moved, replace(side, tests=on_seed_1(test_a="passed"))).obstacles) == 1
 
 
 def test_a_test_is_missed_on_each_seed_and_a_baseline_keeps_what_passed_on_all() -> None:

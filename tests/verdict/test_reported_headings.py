@@ -31,20 +31,20 @@ def measured(**values: float) -> list[Measurement]:
     ]
 
 
-def contradictions(**said: str) -> dict[str, Table]:
+def contradictions(**message: str) -> dict[str, Table]:
     name = "heading.contradictions"
-    return {name: Table(name, (Column("of"), Column("said")), tuple(said.items()))}
+    return {name: Table(name, (Column("of"), Column("said")), tuple(message.items()))}
 
 
 def cause(of: str = "firmware", said: dict[str, str] | None = None, **values: float) -> tuple[Cause, str]:
     measurements = measured(**values)
     names = [measurement.name.split(".")[1] for measurement in measurements if measurement.name.endswith(".max")]
-    found = diagnose_run(names, measurements, contradictions(**(said or {})), is_broken=False)
-    return (found[of].cause, found[of].words) if of in found else (Cause.NONE, "")
+    result = diagnose_run(names, measurements, contradictions(**(said or {})), is_broken=False)
+    return (result[of].cause, result[of].words) if of in result else (Cause.NONE, "")
 
 
 def test_a_filter_that_lags_behind_a_right_calibration() -> None:
-    found, words = cause(
+    result, words = cause(
         heading__firmware__max=4.0,
         heading__firmware__max_centred=0.3,
         heading__calibrated__max=0.8,
@@ -52,24 +52,24 @@ def test_a_filter_that_lags_behind_a_right_calibration() -> None:
         device__unsettled=0.0,
         gyroscope__firmware__bias_error=1.36,
     )
-    assert found is Cause.FILTER
+    assert result is Cause.FILTER
     assert words == "its filter (calibration right (0.80 deg), gyroscope offset wrong by 1.36 dps)"
 
 
 def test_headings_that_still_move_are_not_settled_and_not_wrong() -> None:
-    found, words = cause(
+    result, words = cause(
         heading__firmware__max=4.0,
         heading__firmware__max_centred=0.3,
         heading__ecompass__max=4.1,
         heading__calibrated__max=0.8,
         device__unsettled=7.0,
     )
-    assert found is Cause.NOT_SETTLED
+    assert result is Cause.NOT_SETTLED
     assert words == "filter not settled (calibration right (0.80 deg), not settled at 7 known angles)"
 
 
 def test_a_calibration_that_is_wrong_itself() -> None:
-    found, words = cause(
+    result, words = cause(
         heading__firmware__max=4.0,
         heading__firmware__max_centred=3.9,
         heading__calibrated__max=3.9,
@@ -77,7 +77,7 @@ def test_a_calibration_that_is_wrong_itself() -> None:
         fit__firmware__offset_error=2.5,
         fit__firmware__rotation_left=0.2,
     )
-    assert found is Cause.OWN_CALIBRATION
+    assert result is Cause.OWN_CALIBRATION
     assert "alone errs by 3.90 deg" in words
     assert "hard iron wrong by 2.50 uT" in words
 
@@ -90,23 +90,23 @@ def test_a_calibration_that_is_wrong_itself() -> None:
     ],
 )
 def test_an_error_that_is_the_same_everywhere_is_no_matter_of_calibration(others: dict[str, float], words: str) -> None:
-    found, said = cause(
+    result, answer = cause(
         heading__firmware__max=8.7, heading__firmware__bias=-8.3, heading__firmware__max_centred=0.4, **others
     )
-    assert (found, said) == (Cause.CONSTANT_OFFSET, words)
+    assert (result, answer) == (Cause.CONSTANT_OFFSET, words)
 
 
 def test_a_convention_that_is_declared_wrong_is_named() -> None:
-    found, words = cause(
+    result, words = cause(
         said={"heading": "they grow the other way"}, heading__firmware__max=177.0, heading__calibrated__max=0.8
     )
-    assert (found, words) == (Cause.FRAME, "another frame than the declared one (they grow the other way)")
+    assert (result, words) == (Cause.FRAME, "another frame than the declared one (they grow the other way)")
 
 
 def test_a_frame_of_vectors_and_of_headings_is_one_cause() -> None:
     values = {"heading__firmware__max": 177.0, "heading__ecompass__max": 153.0, "heading__calibrated__max": 153.0}
-    said = {"heading": "they grow the other way", "vectors": "in frame ned"}
-    assert {cause(of, said, **values) for of in ("firmware", "ecompass", "calibrated")} == {
+    messages = {"heading": "they grow the other way", "vectors": "in frame ned"}
+    assert {cause(of, messages, **values) for of in ("firmware", "ecompass", "calibrated")} == {
         (Cause.FRAME, "another frame than the declared one (in frame ned)")
     }
 
@@ -119,8 +119,8 @@ def test_vectors_in_another_frame_are_named_beside_a_right_heading() -> None:
 
 
 def test_a_heading_that_does_not_follow_the_board_is_named_before_all_else() -> None:
-    found, words = cause(said={"still": "they cover 0.0 deg"}, heading__firmware__max=178.0, device__unsettled=3.0)
-    assert (found, words) == (Cause.STILL, "a heading that does not follow the board (they cover 0.0 deg)")
+    result, words = cause(said={"still": "they cover 0.0 deg"}, heading__firmware__max=178.0, device__unsettled=3.0)
+    assert (result, words) == (Cause.STILL, "a heading that does not follow the board (they cover 0.0 deg)")
 
 
 def test_a_heading_within_its_limit_has_no_cause() -> None:
@@ -133,9 +133,9 @@ def test_angles_that_are_exchanged_are_no_matter_of_the_accelerometer(findings: 
     assert next_step(wrong, contradictions(heading="they grow the other way")) == next_step(wrong, {})
     step = next_step(wrong, contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
     assert step.startswith("Declare pitch and roll so under [device] in the rig")
-    made = findings(wrong)
-    made.tables.update(contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
-    assert summarise(made).advice == (step,)
+    run = findings(wrong)
+    run.tables.update(contradictions(tilt="right within 0.1 deg with pitch and roll exchanged"))
+    assert summarise(run).advice == (step,)
 
 
 def costs(*counted: Measurement) -> str:
@@ -145,8 +145,8 @@ def costs(*counted: Measurement) -> str:
     return costs_in_words(calibrator_results((*headings, *counted)))
 
 
-def total(name: str, cycles: int, note: str, what: str = "total") -> Measurement:
-    return check(f"cycles.{name}.{what}", cycles, unit="cycle", cycle_model="m", note=note)
+def total(name: str, cycles: int, note: str, case: str = "total") -> Measurement:
+    return check(f"cycles.{name}.{case}", cycles, unit="cycle", cycle_model="m", note=note)
 
 
 def test_the_firmwares_own_fit_stands_beside_the_cheapest_of_the_same_samples() -> None:

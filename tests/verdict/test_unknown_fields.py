@@ -47,7 +47,7 @@ def test_what_was_only_read_is_written_as_it_was(rows: list[dict[str, object]], 
     written = add_unknown_fields({"rows": rows}, read)
     if told_apart:
         assert written == read
-    assert [{key: each[key] for key in row} for row, each in zip(rows, written["rows"], strict=True)] == rows
+    assert [{key: item[key] for key in row} for row, item in zip(rows, written["rows"], strict=True)] == rows
 
 
 @given(ROWS)

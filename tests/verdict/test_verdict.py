@@ -42,53 +42,59 @@ def test_what_is_neither_judged_nor_costed_is_left_to_the_report(findings: Make,
 
 
 @pytest.mark.parametrize(
-    ("max_deg", "said"), [(1.0, "iterative: 0.50 deg better, 2.00 x"), (1.75, "iterative: 0.25 deg worse, 2.00 x")]
+    ("max_deg", "message"), [(1.0, "iterative: 0.50 deg better, 2.00 x"), (1.75, "iterative: 0.25 deg worse, 2.00 x")]
 )
 def test_how_much_better_or_worse_is_said_where_accuracy_is_not_equal(
-    findings: Make, heading: Heading, max_deg: float, said: str
+    findings: Make, heading: Heading, max_deg: float, message: str
 ) -> None:
     iterative = heading("iterative", max_deg, limit=2, cycles=24_000)
-    made = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)
-    assert decide(made, pytest_exit=0).sentence.endswith(f"{said} the cycles of direct.")
+    run = findings(*heading("direct", 1.5, limit=1.8, cycles=12_000), *iterative)
+    assert decide(run, pytest_exit=0).sentence.endswith(f"{message} the cycles of direct.")
 
 
 def test_the_rig_says_which_calibrator_costs_are_multiples_of(findings: Make, good: list[Measurement]) -> None:
-    made = findings(*good)
-    assert made.rig is not None
-    made.rig = replace(made.rig, cost_reference="iterative")
-    summary = summarise(made)
-    assert [(each.name, each.ratio) for each in summary.calibrators] == [("direct", "0.06"), ("iterative", "1.00")]
-    assert decide(made, pytest_exit=0).sentence.startswith("PASS. iterative: worst heading 0.95 deg")
-    made.rig = replace(made.rig, cost_reference="")
-    assert {calibrator.ratio for calibrator in summarise(made).calibrators} == {""}
-    assert "x the cycles" not in decide(made, pytest_exit=0).sentence
+    run = findings(*good)
+    assert run.rig is not None
+    run.rig = replace(run.rig, cost_reference="iterative")
+    summary = summarise(run)
+    assert [(calibrator.name, calibrator.ratio) for calibrator in summary.calibrators] == [
+        ("direct", "0.06"),
+        ("iterative", "1.00"),
+    ]
+    assert decide(run, pytest_exit=0).sentence.startswith("PASS. iterative: worst heading 0.95 deg")
+    run.rig = replace(run.rig, cost_reference="")
+    assert {calibrator.ratio for calibrator in summarise(run).calibrators} == {""}
+    assert "x the cycles" not in decide(run, pytest_exit=0).sentence
 
 
 def test_a_calibrator_that_is_given_other_points_has_no_ratio(
     findings: Make, good: list[Measurement], heading: Heading
 ) -> None:
     (dpi,) = (
-        each
-        for each in summarise(findings(*good, *heading("dpi", 1.0, limit=2, cycles=100_000))).calibrators
-        if each.name == "dpi"
+        calibrator
+        for calibrator in summarise(findings(*good, *heading("dpi", 1.0, limit=2, cycles=100_000))).calibrators
+        if calibrator.name == "dpi"
     )
     assert dpi.ratio == ""
 
 
 @pytest.mark.parametrize(
-    ("cycles", "said"),
+    ("cycles", "message"),
     [
         (12_500, "within 10 % of the cycles of direct: code in flash cannot be ranked."),
         (14_000, "equal accuracy (within 0.1 deg), 1.17 x the cycles of direct."),
     ],
 )
 def test_costs_of_code_in_flash_are_not_ranked_when_they_are_close(
-    findings: Make, heading: Heading, cycles: int, said: str
+    findings: Make, heading: Heading, cycles: int, message: str
 ) -> None:
-    made = [*heading("direct", 0.97, limit=1.8, cycles=12_000), *heading("iterative", 0.95, limit=1.8, cycles=cycles)]
-    assert "ranks neither" not in decide(findings(*made), pytest_exit=0).sentence
-    made = [replace(each, cycle_model=each.cycle_model.replace("@sram", "@flash")) for each in made]
-    assert decide(findings(*made), pytest_exit=0).sentence.endswith(said)
+    results = [
+        *heading("direct", 0.97, limit=1.8, cycles=12_000),
+        *heading("iterative", 0.95, limit=1.8, cycles=cycles),
+    ]
+    assert "ranks neither" not in decide(findings(*results), pytest_exit=0).sentence
+    results = [replace(entry, cycle_model=entry.cycle_model.replace("@sram", "@flash")) for entry in results]
+    assert decide(findings(*results), pytest_exit=0).sentence.endswith(message)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +110,7 @@ def test_the_table_and_the_line_of_costs_do_not_rank_code_in_flash_either(
 ) -> None:
     """A tenth of the cheaper one is what flash does not tell apart: 1091 of 10 910."""
     both = [*heading("direct", 0.97, limit=1.8, cycles=12_000), *heading("iterative", 0.95, limit=1.8, cycles=cycles)]
-    made = findings(*(replace(each, cycle_model=f"m@{placement}" if each.cycle_model else "") for each in both))
+    made = findings(*(replace(item, cycle_model=f"m@{placement}" if item.cycle_model else "") for item in both))
     run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:04:06Z")
     assert [row.name for row in accuracy_and_cost(run).rows] == order
     refused = "within 10 % of the cycles of direct: code in flash cannot be ranked"
@@ -131,22 +137,22 @@ def test_a_failed_heading_names_its_cause(
     findings: Make, heading: Heading, numbers: dict[str, float], cause: str
 ) -> None:
     maximum = numbers.pop("maximum")
-    made = findings(
+    run = findings(
         *heading("direct", maximum, limit=1.8, cycles=12_400, **numbers), tests=(_test("failed"),), tables=False
     )
-    verdict = decide(made, pytest_exit=1)
+    verdict = decide(run, pytest_exit=1)
     assert f"heading.direct.max {maximum:.2f} deg (limit 1.8)" in verdict.sentence
     assert verdict.sentence.startswith("FAIL. ")
     assert verdict.sentence.endswith(f"Likely cause: {cause}.")
-    assert len(summarise(made).advice) == 1
+    assert len(summarise(run).advice) == 1
     assert verdict.exit_code == 1
 
 
 def test_one_failure_of_each_calibrator_stands_before_the_rest_of_any(findings: Make, heading: Heading) -> None:
     norm = check("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
     bad = [*heading("corrected", 6.1, limit=1.8, cycles=14_000), *heading("direct", 6.1, limit=1.8, cycles=12_400)]
-    found = summarise(findings(*bad, norm, tests=(_test("failed"),)))
-    assert [failure.measurement.name for failure in found.failures] == [
+    summary = summarise(findings(*bad, norm, tests=(_test("failed"),)))
+    assert [failure.measurement.name for failure in summary.failures] == [
         "heading.direct.max",
         "accelerometer.norm_rms",
         "heading.corrected.max",
@@ -157,15 +163,15 @@ def test_one_failure_of_each_calibrator_stands_before_the_rest_of_any(findings: 
 
 def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: Heading) -> None:
     norm = check("accelerometer.norm_rms", 40.0, unit="mg", limit=Limit(max=8))
-    made = findings(*heading("direct", 6.1, limit=1.8, cycles=12_400), norm, tests=(_test("failed"),))
-    sentence = decide(made, pytest_exit=1).sentence
+    run = findings(*heading("direct", 6.1, limit=1.8, cycles=12_400), norm, tests=(_test("failed"),))
+    sentence = decide(run, pytest_exit=1).sentence
     first, second = "heading.direct.max 6.10 deg (limit 1.8)", "accelerometer.norm_rms 40 mg (limit 8)"
     assert sentence.startswith(f"FAIL. {first}, {second}, ")
     assert sentence.endswith("Likely cause: accelerometer.")
 
 
 def test_without_a_declared_mounting_only_centred_values_count(findings: Make, heading: Heading) -> None:
-    made = findings(
+    run = findings(
         *heading(
             "direct",
             2.7,
@@ -176,7 +182,7 @@ def test_without_a_declared_mounting_only_centred_values_count(findings: Make, h
             not_checked="the rig declares no mounting yaw",
         )
     )
-    verdict = decide(made, pytest_exit=0)
+    verdict = decide(run, pytest_exit=0)
     assert verdict.sentence == (
         "NOT EVALUATED. Only centred values were checked: the rig declares no mounting yaw; mean error 1.71 deg. "
         "direct: worst heading 0.95 deg about its mean over 60 poses (limit 1.8), 12 400 cycles."
@@ -205,19 +211,19 @@ def test_a_limit_that_cannot_be_told_is_no_pass_and_is_named_with_value_limit_an
 def test_angles_that_were_not_all_taken_leave_no_centred_value_either(findings: Make, heading: Heading) -> None:
     why = "2 of 12 known angles were skipped"
     unset = check("heading.direct.max_centred", 0.9, unit="deg", limit=Limit(max=1.8), not_checked=why)
-    made = findings(*heading("direct", 1.1, limit=1.8, cycles=12_400, bias=0.2, not_checked=why), unset)
-    sentence = decide(made, pytest_exit=0).sentence
+    run = findings(*heading("direct", 1.1, limit=1.8, cycles=12_400, bias=0.2, not_checked=why), unset)
+    sentence = decide(run, pytest_exit=0).sentence
     assert "Only centred" not in sentence
     assert "about its mean" not in sentence
     assert f"heading.direct.max_centred ({why})" in sentence
 
 
 def test_a_centred_error_out_of_limit_fails_even_without_a_mounting(findings: Make, heading: Heading) -> None:
-    made = findings(
+    run = findings(
         *heading("direct", 7.4, limit=1.8, cycles=12_400, bias=1.7, centred=6.0, not_checked="no mounting"),
         tests=(_test("failed"),),
     )
-    verdict = decide(made, pytest_exit=1)
+    verdict = decide(run, pytest_exit=1)
     assert "heading.direct.max_centred 6.00 deg (limit 1.8)" in verdict.sentence
     assert "Likely cause: good fit, bad heading" in verdict.sentence
     assert verdict.exit_code == 1
@@ -244,7 +250,7 @@ def test_limits_that_were_left_out_are_said_and_make_nobody_red(findings: Make, 
 
 def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, good: list[Measurement]) -> None:
     limits = {"heading.dirct.max": Limit(max=1.8), "heading.direct.max": Limit(max=1.8), "lamp": Limit(max=1)}
-    unmet = unmet_limits(limits, {"lamp": "cd"}, {each.name for each in good}, ("direct", "iterative"))
+    unmet = unmet_limits(limits, {"lamp": "cd"}, {measurement.name for measurement in good}, ("direct", "iterative"))
     verdict = decide(findings(*good, *unmet), pytest_exit=0)
     assert verdict.exit_code == 22
     assert verdict.sentence.startswith(
@@ -282,8 +288,8 @@ def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Me
 
 
 def test_a_heading_that_is_not_a_number_fails_by_name(findings: Make, heading: Heading) -> None:
-    made = findings(*heading("direct", float("nan"), limit=1.8, cycles=12_400), tests=(_test("failed"),))
-    sentence = decide(made, pytest_exit=1).sentence
+    run = findings(*heading("direct", float("nan"), limit=1.8, cycles=12_400), tests=(_test("failed"),))
+    sentence = decide(run, pytest_exit=1).sentence
     assert "heading.direct.max the value is nan (limit 1.8)" in sentence
 
 
@@ -296,8 +302,8 @@ def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good:
 
 def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:
     lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason="lost /dev/ttyACM0: unplugged.")
-    made = findings(check("x", 1, unit=""), tests=(lost, TestResult("b", TestOutcome.SKIPPED, 0)))
-    verdict = decide(made, pytest_exit=1)
+    run = findings(check("x", 1, unit=""), tests=(lost, TestResult("b", TestOutcome.SKIPPED, 0)))
+    verdict = decide(run, pytest_exit=1)
     assert verdict.sentence == "CONNECTION LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
     assert (verdict.exit_code, verdict.complete) == (20, False)
 
@@ -328,12 +334,12 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
     ],
 )
 def test_exit_codes_in_their_order(findings: Make, outcomes: list[str], pytest_exit: int, code: int, word: str) -> None:
-    made = findings(
+    run = findings(
         tests=tuple(TestResult(str(k), TestOutcome(outcome), 0, reason="why") for k, outcome in enumerate(outcomes))
     )
     if not outcomes:
-        made.tests.clear()
-    verdict = decide(made, pytest_exit=pytest_exit)
+        run.tests.clear()
+    verdict = decide(run, pytest_exit=pytest_exit)
     assert (verdict.exit_code, verdict.outcome) == (code, word)
 
 
@@ -347,8 +353,8 @@ def _compared(now: Measurement, *faults: str, failed: tuple[str, ...] = ()) -> C
     """Compare a lamp of 2 mA with another, measured under the same conditions."""
     conditions = Conditions("virtual", "ab", ("direct",), (), 4, (), "all", "gate", False)
     sides = [
-        Evidence(Side(file, "", "lamp", "1", "", "gcc", "", "bench", (1,), ""), conditions, {1: {each.name: each}})
-        for file, each in (("base.json", check("lamp.current", 2.0, unit="mA", limit=Limit(max=9))), ("", now))
+        Evidence(Side(file, "", "lamp", "1", "", "gcc", "", "bench", (1,), ""), conditions, {1: {item.name: item}})
+        for file, item in (("base.json", check("lamp.current", 2.0, unit="mA", limit=Limit(max=9))), ("", now))
     ]
     return compare(sides[0], dataclasses.replace(sides[1], faults=faults, failed=failed))
 
@@ -376,9 +382,9 @@ def test_a_comparison_decides_where_nothing_else_has(
     code: int,
 ) -> None:
     now = check("lamp.current", current_ma, unit="mA", limit=Limit(max=9))
-    made = findings(now, *more)
-    made.comparison = _compared(now, *faults, failed=("test_lamp.py::test_on",) if pytest_exit == 1 else ())
-    verdict = decide(made, pytest_exit=pytest_exit)
+    run = findings(now, *more)
+    run.comparison = _compared(now, *faults, failed=("test_lamp.py::test_on",) if pytest_exit == 1 else ())
+    verdict = decide(run, pytest_exit=pytest_exit)
     assert verdict.exit_code == code
     assert ("May be merged " in verdict.sentence) == (code == 0)
     assert ("Not to be merged " in verdict.sentence) == (current_ma == 3.0 and not faults)
@@ -401,11 +407,11 @@ def _test(outcome: str) -> TestResult:
 
 def test_what_was_in_the_baseline_stands_beside_a_failure(findings: Make) -> None:
     now = check("lamp.current", 12.0, unit="mA", limit=Limit(max=9), test="t::t")
-    made = findings(now, tests=(TestResult("t::t", TestOutcome.FAILED, 1),))
-    made.comparison = _compared(now)
-    (failure,) = summarise(made).failures
+    run = findings(now, tests=(TestResult("t::t", TestOutcome.FAILED, 1),))
+    run.comparison = _compared(now)
+    (failure,) = summarise(run).failures
     assert failure.was == 2.0
-    assert decide(made, pytest_exit=1).sentence.startswith("FAIL. lamp.current 12 mA (limit 9, was 2).")
+    assert decide(run, pytest_exit=1).sentence.startswith("FAIL. lamp.current 12 mA (limit 9, was 2).")
 
 
 def test_close_is_what_has_5_percent_left_or_a_range_beyond_the_limit_and_no_count() -> None:

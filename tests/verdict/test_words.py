@@ -17,8 +17,8 @@ from .evidence import evidence, measurement, over_seeds
 def test_all_of_it_stands_in_one_line() -> None:
     limit = Limit(max=12_500)
     base, new = (over_seeds("cycles.direct.total", value, limit=limit, unit="cycle") for value in (11_061, 11_161))
-    (found,) = compare(base, new).differences
-    assert numbers(found) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
+    (result,) = compare(base, new).differences
+    assert numbers(result) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
 
 
 @pytest.mark.parametrize(
@@ -31,10 +31,10 @@ def test_all_of_it_stands_in_one_line() -> None:
     ],
 )
 def test_a_direction_moves_the_short_way_round_and_by_no_percentage(was: float, now: float, words: str) -> None:
-    base, new = (over_seeds("heading.direct.worst_sector", each, unit="deg") for each in (was, now))
-    found = compare(base, new)
-    assert [numbers(each) for each in found.differences_with(Change.CHANGED)] == [words]
-    assert change_figure(found) is None
+    base, new = (over_seeds("heading.direct.worst_sector", item, unit="deg") for item in (was, now))
+    comparison = compare(base, new)
+    assert [numbers(difference) for difference in comparison.differences_with(Change.CHANGED)] == [words]
+    assert change_figure(comparison) is None
 
 
 def of_a_calibrator(cost: str, value: float, *more: tuple[str, float | None]) -> Evidence:
@@ -46,11 +46,11 @@ def of_a_calibrator(cost: str, value: float, *more: tuple[str, float | None]) ->
 def test_what_a_calibrator_costs_is_never_told_without_what_its_worst_heading_did() -> None:
     base = of_a_calibrator("cycles.direct-fast.total", 6919, ("heading.direct-fast.max", 0.8905))
     new = of_a_calibrator("cycles.direct-fast.total", 6800, ("heading.direct-fast.max", 1.204))
-    found = compare(base, new)
+    comparison = compare(base, new)
     words = "6 919 -> 6 800 cycles (-119, -1.7 %; heading.direct-fast.max 0.89 -> 1.20 deg)"
-    assert numbers(found.differences_with(Change.BETTER)[0]) == words
-    assert words in found.sentence
-    (cheaper,) = (each for each in changed(found) if each.name == "cycles.direct-fast.total")
+    assert numbers(comparison.differences_with(Change.BETTER)[0]) == words
+    assert words in comparison.sentence
+    (cheaper,) = (item for item in changed(comparison) if item.name == "cycles.direct-fast.total")
     assert "heading.direct-fast.max 0.89 -> 1.20 deg" in cheaper.outcome
     back = compare(new, base)
     assert "6 800 -> 6 919 cycles (+119, +1.8 %; heading.direct-fast.max 1.20 -> 0.89 deg)" in back.sentence
@@ -87,7 +87,7 @@ def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
     base, new = (
         of_a_calibrator(cost, value, ("heading.direct.max", number)) for value, number in ((10, was), (9, now))
     )
-    assert [each.note for each in compare(base, new).differences_with(Change.BETTER)] == [""]
+    assert [difference.note for difference in compare(base, new).differences_with(Change.BETTER)] == [""]
 
 
 @pytest.mark.parametrize(
@@ -106,8 +106,8 @@ def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
     ],
 )
 def test_percent_are_given_where_they_mean_something(base: float, new: float, words: str) -> None:
-    (found,) = compare(over_seeds("compass.lag", base), over_seeds("compass.lag", new)).differences
-    assert moved(found) == words
+    (result,) = compare(over_seeds("compass.lag", base), over_seeds("compass.lag", new)).differences
+    assert moved(result) == words
 
 
 @pytest.mark.parametrize(
@@ -128,15 +128,15 @@ def test_a_share_of_next_to_nothing_is_cut(share: float, words: str) -> None:
 def test_over_eight_seeds_the_interval_is_shown() -> None:
     base = over_seeds("heading.direct.max", *[0.9] * 8, unit="deg")
     new = over_seeds("heading.direct.max", *(1.2 + step / 100 for step in range(8)), unit="deg")
-    (found,) = compare(base, new).differences
-    assert numbers(found) == "0.9 -> 1.235 deg (+0.335, +37 %, 95 % +0.3145 to +0.3555)"
+    (result,) = compare(base, new).differences
+    assert numbers(result) == "0.9 -> 1.235 deg (+0.335, +37 %, 95 % +0.3145 to +0.3555)"
 
 
 def test_what_is_new_or_gone_shows_its_one_number() -> None:
     base = evidence([measurement("compass.lag", 8.0, unit="ms")])
     new = evidence([measurement("compass.drift", 0.5, unit="deg", limit=Limit(max=1.0))])
-    gone, made = sorted(compare(base, new).differences, key=lambda difference: difference.change)
-    assert (numbers(gone), numbers(made)) == ("8 ms", "0.5 deg (limit at most 1)")
+    gone, result = sorted(compare(base, new).differences, key=lambda difference: difference.change)
+    assert (numbers(gone), numbers(result)) == ("8 ms", "0.5 deg (limit at most 1)")
 
 
 def test_groups_come_in_one_order_and_none_is_empty() -> None:

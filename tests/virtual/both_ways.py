@@ -64,8 +64,8 @@ def outcome(
     core.executes_all = executes_all
     watch = ExecutionWatch(processor)
     sent: list[tuple[int, bytes]] = []
-    told: list[str] = []
-    board.tell(told.append)
+    messages: list[str] = []
+    board.tell(messages.append)
 
     def look() -> bool:
         if board.uart0.host_waiting:
@@ -98,7 +98,7 @@ def outcome(
         hashlib.sha256(processor.memory.sram.view).hexdigest(),
         board.position(),
         [f"{access}, {access.accesses} times" for access in board.unmodelled],
-        told,
+        messages,
         ended,
     )
 

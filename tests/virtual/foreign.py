@@ -84,32 +84,32 @@ def says(*patterns: str) -> Check:
     return check
 
 
-def _wrong_rate(what: str, times: list[float], period_s: float, spread_s: float = 0.0) -> str | None:
+def _wrong_rate(case: str, times: list[float], period_s: float, spread_s: float = 0.0) -> str | None:
     gaps = [behind - before for before, behind in pairwise(times)]
     if len(gaps) < _LONG_ENOUGH:
-        return f"{what} {len(times)} times"
+        return f"{case} {len(times)} times"
     most_s = _RATE_TOLERANCE * period_s + spread_s + _STEP_S
     if max(abs(gap - period_s) for gap in gaps) > most_s:
-        return f"{what} every {min(gaps):.4f} to {max(gaps):.4f} s, not {period_s} s"
+        return f"{case} every {min(gaps):.4f} to {max(gaps):.4f} s, not {period_s} s"
     mean_s = sum(gaps) / len(gaps)
     within = abs(mean_s - period_s) <= _RATE_TOLERANCE * period_s + spread_s
-    return None if within else f"{what} every {mean_s:.4f} s, not {period_s} s"
+    return None if within else f"{case} every {mean_s:.4f} s, not {period_s} s"
 
 
 def says_every(pattern: str, period_s: float, *, late_s: float = 0.0) -> Check:
     """Expect a pattern again and again, within 1 % of a period, or up to `late_s` later."""
     middle_s = period_s + late_s / 2
-    return lambda seen: _wrong_rate(f"says {pattern!r}", seen.times_of(pattern), middle_s, late_s / 2)
+    return lambda observed: _wrong_rate(f"says {pattern!r}", observed.times_of(pattern), middle_s, late_s / 2)
 
 
 def toggles_every(led: str, period_s: float) -> Check:
     """Expect an LED to change within 1 % of a period."""
-    return lambda seen: _wrong_rate(f"{led} toggles", seen.toggles.get(led, []), period_s)
+    return lambda observed: _wrong_rate(f"{led} toggles", observed.toggles.get(led, []), period_s)
 
 
 def toggles(led: str) -> Check:
     """Expect an LED to change, at whatever rate a loop of instructions makes."""
-    return lambda seen: None if len(seen.toggles.get(led, [])) > _LONG_ENOUGH else f"{led} does not toggle"
+    return lambda observed: None if len(observed.toggles.get(led, [])) > _LONG_ENOUGH else f"{led} does not toggle"
 
 
 def sends_packets(rate_hz: float, types: set[int]) -> Check:
@@ -117,9 +117,9 @@ def sends_packets(rate_hz: float, types: set[int]) -> Check:
 
     def check(seen: Seen) -> str | None:
         frames = [frame for frame in bytes(seen.output).split(b"\x7e") if frame]
-        found = {frame[0] for frame in frames}
-        if not types <= found:
-            return f"packets of types {sorted(found)}"
+        results = {frame[0] for frame in frames}
+        if not types <= results:
+            return f"packets of types {sorted(results)}"
         begin, end = seen.arrived[0][0], seen.arrived[-1][0]
         rate = sum(frame[0] == 1 for frame in frames) / (end - begin)
         return None if abs(rate / rate_hz - 1) < 0.05 else f"{rate:.1f} packets of type 1 a second"
@@ -131,12 +131,12 @@ def reads_one_g(pattern: str, unit_g: float) -> Check:
     """Expect three accelerations that make 1 g within the part's offset (20 mg an axis) and sensitivity (2.5 %)."""
 
     def check(seen: Seen) -> str | None:
-        found = re.findall(pattern, seen.text)
-        for x, y, z in found:
+        matches = re.findall(pattern, seen.text)
+        for x, y, z in matches:
             norm_g = math.hypot(float(x), float(y), float(z)) * unit_g
             if abs(norm_g - 1) > 0.06:
                 return f"{norm_g:.3f} g"
-        return None if len(found) >= _LONG_ENOUGH else f"{len(found)} readings"
+        return None if len(matches) >= _LONG_ENOUGH else f"{len(matches)} readings"
 
     return check
 
@@ -327,22 +327,22 @@ def machine_for(program: Program) -> VirtualK64F:
 
 def watch(program: Program, machine: VirtualK64F, seconds: float | None = None) -> Seen:
     """Run a program, type what it waits for, and note what it does."""
-    seen, sends, now = Seen(), list(program.sends), 0.0
+    observed, sends, now = Seen(), list(program.sends), 0.0
     end = program.seconds if seconds is None else seconds
-    while now < end and not seen.fault:
+    while now < end and not observed.fault:
         now = min(now + _STEP_S, end)
         while sends and sends[0][0] <= now:
             machine.uart0.host_write(sends.pop(0)[1])
         try:
             machine.run_until(now)
         except BoardFault as error:
-            seen.fault = str(error)
+            observed.fault = str(error)
         if machine.uart0.host_waiting:
-            seen.output += machine.uart0.host_read(machine.uart0.host_waiting)
-            seen.arrived.append((now, len(seen.output)))
+            observed.output += machine.uart0.host_read(machine.uart0.host_waiting)
+            observed.arrived.append((now, len(observed.output)))
     for event in machine.events:
-        seen.toggles.setdefault(event.what, []).append(event.time_s)
-    return seen
+        observed.toggles.setdefault(event.what, []).append(event.time_s)
+    return observed
 
 
 @dataclass(frozen=True)
@@ -364,10 +364,10 @@ def run(program: Program) -> Result:
     """Run a program to its end and look at what it did."""
     machine = machine_for(program)
     began = time.monotonic()
-    seen = watch(program, machine)
+    observed = watch(program, machine)
     wall_s = time.monotonic() - began
-    wrong = [found for check in program.checks if (found := check(seen)) is not None]
-    wrong += [seen.fault] if seen.fault else []
+    wrong = [result for check in program.checks if (result := check(observed)) is not None]
+    wrong += [observed.fault] if observed.fault else []
     return Result(program, machine.time_s, wall_s, tuple(wrong))
 
 
@@ -377,7 +377,9 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--page", type=Path, help="write the table to this page")
     arguments = parser.parse_args()
-    chosen = [each for each in PROGRAMS if not arguments.names or any(name in each.name for name in arguments.names)]
+    chosen = [
+        program for program in PROGRAMS if not arguments.names or any(name in program.name for name in arguments.names)
+    ]
     rows, failed = [], 0
     for program in chosen:
         try:

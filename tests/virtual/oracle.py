@@ -51,9 +51,9 @@ class Step(NamedTuple):
     def priced(self, model: PriceModel, state: PipelineState) -> tuple[int, PipelineState]:
         """Return its cycles behind a state of the pipeline, and the state that it leaves."""
         skipped = not self.executes and model.prices_skipped
-        cycles, left = model.step(self.instruction.skipped() if skipped else self.instruction, state)
+        cycles, remainder = model.step(self.instruction.skipped() if skipped else self.instruction, state)
         if not self.jumps:
-            return cycles, left
+            return cycles, remainder
         return cycles + model.taken(self.instruction), REACHED[model.reached(self.instruction)]
 
 
@@ -244,8 +244,8 @@ class Oracle:
             return Step(instruction, executes=True, jumps=False)
         flags = lib.machine_xpsr(self._handle)
         executes = not predicated or holds(it_state >> 4, flags)
-        taken = executes and bool(instruction.transfer) and is_taken(code, flags, self._core.r)
-        return Step(instruction, executes, taken)
+        selected = executes and bool(instruction.transfer) and is_taken(code, flags, self._core.r)
+        return Step(instruction, executes, selected)
 
     def _code(self, address: int) -> bytes:
         """Return the four bytes at an address, or two at the end of a memory; none if there is no memory."""

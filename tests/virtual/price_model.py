@@ -91,9 +91,9 @@ class PriceModel:
             return self._step(instruction, state)
         if rules.folds(instruction, state):
             return self._value["it_folded"], state._replace(late=Late.NOTHING, misplaced=0)
-        cycles, left = self._step(instruction, state)
+        cycles, remainder = self._step(instruction, state)
         late, late_fetch = rules.waits(instruction, state)
-        return cycles + late + late_fetch, rules.leave(instruction, state, cycles + late, left)
+        return cycles + late + late_fetch, rules.leave(instruction, state, cycles + late, remainder)
 
     def _step(self, instruction: Instruction, state: PipelineState) -> tuple[int, PipelineState]:
         """Price one instruction by the four rules."""

@@ -183,10 +183,10 @@ def rows(figures: Sequence[Published] = FIGURES) -> Iterator[str]:
     yield ""
     yield "| functions | version 1, mean | worst | version 2, mean | worst |"
     yield "| --- | --: | --: | --: | --: |"
-    for name, chosen in (("all", lambda _: True), ("tables not in flash", lambda each: not each.tables_in_flash)):
-        found = [[pair for pair in counts if chosen(pair[0])] for counts in by_version.values()]
-        shares = [f"{100 * part:.2f} %" for counts in found for part in mean_and_worst(counts)]
-        yield f"| {name} ({len(found[0])}) | {' | '.join(shares)} |"
+    for name, chosen in (("all", lambda _: True), ("tables not in flash", lambda item: not item.tables_in_flash)):
+        pairs = [[pair for pair in counts if chosen(pair[0])] for counts in by_version.values()]
+        shares = [f"{100 * part:.2f} %" for counts in pairs for part in mean_and_worst(counts)]
+        yield f"| {name} ({len(pairs[0])}) | {' | '.join(shares)} |"
 
 
 def _number(cycles: float) -> str:

@@ -60,7 +60,7 @@ def test_numbers_that_lie_as_the_function_has_them_are_passed(board, function, a
 
 
 @pytest.mark.parametrize(
-    ("function", "given", "said"),
+    ("function", "arguments", "message"),
     [
         ("dot", np.zeros(2), r"argument 1 of dot is const int16_t \*, not an array of float64: give 16-bit integers"),
         ("dot", np.zeros(2, np.int32), r"const int16_t \*, not an array of int32: give 16-bit integers"),
@@ -73,6 +73,6 @@ def test_numbers_that_lie_as_the_function_has_them_are_passed(board, function, a
         ("wide", np.zeros(2, np.float32), r"const double \*, not an array of float32: give float64"),
     ],
 )
-def test_other_numbers_are_refused_with_both_types(board, function, given, said):
-    with pytest.raises(ConfigError, match=said):
-        board.call(function, *(given, 2)[: len(board.image.signature(function).parameters)])
+def test_other_numbers_are_refused_with_both_types(board, function, arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        board.call(function, *(arguments, 2)[: len(board.image.signature(function).parameters)])

@@ -144,18 +144,18 @@ def test_ticks_that_have_passed_stay_passed_and_their_cycles_are_found(rates: li
 
 
 def test_an_event_of_a_clock_comes_at_its_tick_whatever_the_core_does_meanwhile() -> None:
-    now, seen = 0, []
+    now, observations = 0, []
     schedule = Schedule()
     clock = Clock(schedule, lambda: now)
     clock.run_at(Fraction(1000), Fraction(100_000), 0)
-    clock.call_at(10, lambda: seen.append(10))
+    clock.call_at(10, lambda: observations.append(10))
     now = 500
     clock.run_at(Fraction(1000), Fraction(200_000), now)
     schedule.replan()
     schedule.run_due(1499)
-    assert not seen
+    assert not observations
     schedule.run_due(1500)  # five ticks of a hundred cycles, five of two hundred
-    assert seen == [10]
+    assert observations == [10]
 
 
 PROGRAM = r"""

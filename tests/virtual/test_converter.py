@@ -135,14 +135,14 @@ def test_it_interrupts_and_goes_on_until_it_is_told_otherwise(build_c: Build) ->
 def test_only_what_compares_is_shown(build_c: Build, control: int, limits: tuple[int, int], passing: list[int]) -> None:
     body = f"ADC(CFG1) = 4; ADC(SC2) = {control}; ADC(CV1) = {limits[0]}; ADC(CV2) = {limits[1]}; ADC(SC1A) = 0x4C;"
     elf = build_c(f"{HEAD}int main(void) {{ begin(); (void)convert; {body} return 0; }}")
-    found = []
+    results = []
     for number in (500, 1000, 1500, 2500):
         board = VirtualK64F(elf)
         board.adc_volts[0, 12] = number * 3.3 / 4096
         board.run_until(0.0005)
         if word(board, "fired"):
-            found.append(word(board, "value"))
-    assert found == passing
+            results.append(word(board, "value"))
+    assert results == passing
 
 
 @pytest.mark.parametrize(

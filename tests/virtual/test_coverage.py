@@ -25,8 +25,8 @@ LONG_ENOUGH_S = 0.01
 
 def covered(board: VirtualK64F, watch: ExecutionWatch, source: str) -> FileCoverage:
     """Return the coverage of one source file."""
-    found = SourceMap(board.image).coverage(watch.code())
-    (file,) = (file for name, file in found.files.items() if name.endswith(source))
+    coverage = SourceMap(board.image).coverage(watch.code())
+    (file,) = (file for name, file in coverage.files.items() if name.endswith(source))
     return file
 
 
@@ -45,10 +45,10 @@ def by_gcov(tmp_path: Path, require_tool: Callable[[str], str]) -> tuple[dict[in
     subprocess.run([tmp_path / "walked"], cwd=tmp_path, check=True)
     (data,) = tmp_path.glob("*.gcda")
     command = [gcov, "--branch-probabilities", "--json-format", "--stdout", str(data)]
-    said = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
-    (file,) = json.loads(said)["files"]
-    lines = {each["line_number"]: each["count"] for each in file["lines"]}
-    ways = {each["line_number"]: [way["count"] for way in each["branches"]] for each in file["lines"]}
+    output = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    (file,) = json.loads(output)["files"]
+    lines = {line["line_number"]: line["count"] for line in file["lines"]}
+    ways = {line["line_number"]: [way["count"] for way in line["branches"]] for line in file["lines"]}
     return lines, ways
 
 
@@ -63,7 +63,7 @@ def test_lines_and_branches_are_counted_as_gcov_counts_them(
     # gcov has a function where its name is, we where it opens; it has a label too, and no end of a function.
     assert {text[line] for line in file.lines.keys() - lines.keys()} == {"{", "}"}
     only_gcov = {text[line].strip() for line in lines.keys() - file.lines.keys()}
-    assert all(each.startswith(("static", "int main", "case", "default:")) for each in only_gcov)
+    assert all(item.startswith(("static", "int main", "case", "default:")) for item in only_gcov)
     both = lines.keys() & file.lines.keys()
     assert len(both) > 35
     unlike = {line: (lines[line], file.lines[line]) for line in both if lines[line] != file.lines[line]}
@@ -71,7 +71,7 @@ def test_lines_and_branches_are_counted_as_gcov_counts_them(
     assert {text[line].strip(): counts for line, counts in unlike.items()} == {
         "case 5: sink = 5; break; case 6: sink = 6; break;": (2, 1)
     }
-    switch = next(line for line, each in enumerate(text) if "switch" in each)
+    switch = next(line for line, item in enumerate(text) if "switch" in item)
     mine: dict[int, list[int]] = {}
     for (line, _), counts in file.branches.items():
         mine.setdefault(line, []).extend(counts)
@@ -133,10 +133,10 @@ def test_what_an_it_block_skips_is_not_executed(build: Build, profile: str) -> N
     board.run_until(LONG_ENOUGH_S)
     file = covered(board, watch, "program.S")
     text = ["", *SKIPS.splitlines()]
-    expected = {line: each.partition("@@ ")[2] for line, each in enumerate(text) if "@@" in each}
-    assert file.lines == {line: int(each.split()[0]) for line, each in expected.items()}
+    expected = {line: item.partition("@@ ")[2] for line, item in enumerate(text) if "@@" in item}
+    assert file.lines == {line: int(item.split()[0]) for line, item in expected.items()}
     assert {line: list(ways) for (line, _), ways in file.branches.items()} == {
-        line: json.loads(each[each.index("[") :]) for line, each in expected.items() if "[" in each
+        line: json.loads(item[item.index("[") :]) for line, item in expected.items() if "[" in item
     }
     assert file.functions == {"main": (3, 1)}
     unwatched = VirtualK64F(elf, profile=profile)
@@ -146,10 +146,10 @@ def test_what_an_it_block_skips_is_not_executed(build: Build, profile: str) -> N
 
 
 def test_library_code_is_left_out(shipped_board: VirtualK64F) -> None:
-    found = SourceMap(shipped_board.image).coverage(ExecutionWatch(shipped_board.processor).code())
-    assert all(name.startswith("firmware_stub/") for name in found.files)
-    assert found.lines.hit == found.functions.hit == found.branches.hit == 0
-    functions = {function for file in found.files.values() for function in file.functions}
+    coverage = SourceMap(shipped_board.image).coverage(ExecutionWatch(shipped_board.processor).code())
+    assert all(name.startswith("firmware_stub/") for name in coverage.files)
+    assert coverage.lines.hit == coverage.functions.hit == coverage.branches.hit == 0
+    functions = {function for file in coverage.files.values() for function in file.functions}
     assert "main" in functions
     assert "sinf" not in functions
     assert "sinf" in shipped_board.image.symbols

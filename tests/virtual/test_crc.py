@@ -53,14 +53,14 @@ def test_the_check_value_is_the_reference_whatever_the_width_of_the_writes(
     module.write(GPOLY, 4, polynomial)
     module.write(DATA, 4, seed)
     module.write(CTRL, 4, control)
-    left, turn = data, 0
-    while left:
+    remainder, turn = data, 0
+    while remainder:
         width = widths[turn % len(widths)]
-        width = width if width <= len(left) else 1
-        module.write(DATA, width, int.from_bytes(left[:width], "little"))
-        left, turn = left[width:], turn + 1
-    found = module.read(DATA, 4) if bits == 32 else module.read(2 if reflects else 0, 2) & 0xFFFF
-    assert found == reference(data, bits=bits, polynomial=polynomial, seed=seed, reflects=reflects, inverts=inverts)
+        width = width if width <= len(remainder) else 1
+        module.write(DATA, width, int.from_bytes(remainder[:width], "little"))
+        remainder, turn = remainder[width:], turn + 1
+    result = module.read(DATA, 4) if bits == 32 else module.read(2 if reflects else 0, 2) & 0xFFFF
+    assert result == reference(data, bits=bits, polynomial=polynomial, seed=seed, reflects=reflects, inverts=inverts)
 
 
 SOURCE = """

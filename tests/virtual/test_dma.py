@@ -136,8 +136,8 @@ def moved(before: bytearray, loop: Loop, minor_offset: tuple[bool, bool, int] = 
                 queue += before[source - RAM : source - RAM + loop.source_size]
                 source = stepped(source, loop.soff, loop.smod)
             while len(queue) >= loop.destination_size:
-                taken, queue = queue[: loop.destination_size], queue[loop.destination_size :]
-                before[destination - RAM : destination - RAM + loop.destination_size] = bytes(taken)
+                selected, queue = queue[: loop.destination_size], queue[loop.destination_size :]
+                before[destination - RAM : destination - RAM + loop.destination_size] = bytes(selected)
                 destination = stepped(destination, loop.doff, loop.dmod)
         if minor < loop.count - 1:
             source += minor_offset[2] if minor_offset[0] else 0
@@ -184,8 +184,8 @@ def test_what_is_moved_is_what_the_descriptor_says(bench: Bench) -> None:
         coded = minor[0] << 31 | minor[1] << 30 | (minor[2] & 0xFFFFF) << 10 if offsets and any(minor[:2]) else 0
         bench.load(0, replace(loop, nbytes=loop.nbytes | coded))
         addresses = moved(expected, loop, minor if coded else (False, False, 0))
-        for left in range(loop.count, 0, -1):
-            assert bench.addresses(0)[2] == left
+        for index in range(loop.count, 0, -1):
+            assert bench.addresses(0)[2] == index
             assert not bench.control(0) & DONE
             bench.write(SSRT, 0, 1)
             bench.run()
@@ -217,14 +217,14 @@ def test_interrupts_come_at_half_and_at_the_end(bench: Bench) -> None:
     for flags, expected in ((0, [0, 0, 0, 0]), (INTHALF, [0, 1, 0, 0]), (INTMAJOR, [0, 0, 0, 1])):
         bench.clear()
         bench.load(3, Loop(count=4, csr=flags))
-        seen = []
+        observations = []
         for _ in range(4):
             bench.write(SSRT, 3, 1)
             bench.run()
             assert bench.board.processor.nvic.is_driven(3) == bool(bench.read(INT))
-            seen.append(bench.read(INT) >> 3)
+            observations.append(bench.read(INT) >> 3)
             bench.write(INT, 8)
-        assert seen == expected
+        assert observations == expected
 
 
 def test_a_channel_starts_another_after_each_minor_loop_and_after_the_last(bench: Bench) -> None:
@@ -511,7 +511,7 @@ def test_an_i2c_master_is_served_in_both_directions(build_c: Build) -> None:
     part = Part(0x1E)
     board = VirtualK64F(build_c(I2C), i2c0=[part])
     follow(board, {0.01: {"done": 1}})
-    assert [value for what, value, _ in part.seen if what == "byte"] == [0x2A, 1, 2, 3]
+    assert [value for case, value, _ in part.seen if case == "byte"] == [0x2A, 1, 2, 3]
     assert board.processor.memory.read(board.image.symbols["in"].address, 5) == bytes([0xA5] * 5)
 
 

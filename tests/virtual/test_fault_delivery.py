@@ -131,19 +131,19 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("what", CASES)
-def test_a_hard_fault_handler_reads_what_happened_and_where(build: Build, what: str) -> None:
-    code, status, cause = CASES[what]
+@pytest.mark.parametrize("case", CASES)
+def test_a_hard_fault_handler_reads_what_happened_and_where(build: Build, case: str) -> None:
+    code, status, cause = CASES[case]
     board = VirtualK64F(build(program(code)))
     fault = run_to_the_handlers_loop(board)
-    found = record(board)
+    result = record(board)
     culprit = board.image.symbols["culprit"].address & ~1
-    assert (found["ipsr"], found["cfsr"], found["hfsr"]) == (3, status, FORCED)
-    assert found["pc"] == culprit
-    assert found["lr"] == 0xFFFFFFF9
-    assert found["xpsr"] >> 24 & 1
+    assert (result["ipsr"], result["cfsr"], result["hfsr"]) == (3, status, FORCED)
+    assert result["pc"] == culprit
+    assert result["lr"] == 0xFFFFFFF9
+    assert result["xpsr"] >> 24 & 1
     if status == DATA_BUS:
-        assert found["bfar"] == found["r0"]
+        assert result["bfar"] == result["r0"]
     assert marks(board)[:2] == (1, 0)  # what stands before the instruction has happened, what stands behind it has not
     assert (fault.pc, fault.function) == (culprit, "main")
     assert cause in fault.cause
@@ -171,8 +171,8 @@ def test_a_fault_takes_an_entry_and_the_instruction_that_faults_nothing(build: B
 def test_an_enabled_handler_takes_its_own_faults(build: Build, name: str, number: int, code: str, status: int) -> None:
     board = VirtualK64F(build(program(code, name=name, before=ENABLE_FAULTS)))
     run_to_the_handlers_loop(board)
-    found = record(board)
-    assert (found["ipsr"], found["cfsr"], found["hfsr"]) == (number, status, 0)
+    result = record(board)
+    assert (result["ipsr"], result["cfsr"], result["hfsr"]) == (number, status, 0)
     assert board.faults[0].exception == name.removesuffix("_Handler")
 
 
@@ -193,9 +193,9 @@ def test_a_breakpoint_without_a_debugger_is_a_hard_fault(build: Build) -> None:
 def test_a_jump_to_an_even_address_is_an_invalid_state(build: Build) -> None:
     board = VirtualK64F(build(program("ldr r0, =target\nbic r0, r0, #1\nbx r0\nculprit: nop\n.balign 4\ntarget: nop")))
     fault = run_to_the_handlers_loop(board)
-    found = record(board)
-    assert (found["cfsr"], found["pc"]) == (INVSTATE, found["r0"])
-    assert not found["xpsr"] >> 24 & 1
+    result = record(board)
+    assert (result["cfsr"], result["pc"]) == (INVSTATE, result["r0"])
+    assert not result["xpsr"] >> 24 & 1
     assert "even address" in fault.cause
 
 

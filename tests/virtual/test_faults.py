@@ -104,9 +104,9 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("what", HOSTILE)
-def test_whatever_firmware_does_ends_in_a_fault_that_says_what_happened(build: Build, what: str) -> None:
-    code, ending = HOSTILE[what]
+@pytest.mark.parametrize("case", HOSTILE)
+def test_whatever_firmware_does_ends_in_a_fault_that_says_what_happened(build: Build, case: str) -> None:
+    code, ending = HOSTILE[case]
     board = VirtualK64F(build(HEAD + code + TAIL))
     board.may_rest = False
     with pytest.raises(BoardFault, match=ending):
@@ -186,12 +186,12 @@ def test_a_damaged_header_is_refused_or_harmless(build: Build) -> None:
 
 
 @pytest.mark.parametrize(
-    ("flags", "what"),
+    ("flags", "case"),
     [(["-mcpu=cortex-m7", "-mfpu=fpv5-d16"], "floating-point unit"), (["-mcpu=cortex-m33"], "another core")],
 )
-def test_an_image_for_a_neighbouring_core_is_refused(build: Build, flags: list[str], what: str) -> None:
+def test_an_image_for_a_neighbouring_core_is_refused(build: Build, flags: list[str], case: str) -> None:
     elf = build(HEAD + TAIL, *flags, with_start=False)
-    with pytest.raises(ConfigError, match=what):
+    with pytest.raises(ConfigError, match=case):
         VirtualK64F(elf)
 
 

@@ -98,9 +98,9 @@ def test_each_half_of_the_flash_has_switches_of_its_own(off: int, waits: list[in
 
 def test_what_is_no_switch_stays_and_what_forgets_reads_as_zero() -> None:
     flash = Flash()
-    for register, left in ((PFAPR, 0x00FFFFFF), (PFB0CR, 0x3F0400FF), (PFB1CR, 0x3004001F)):
+    for register, remainder in ((PFAPR, 0x00FFFFFF), (PFB0CR, 0x3F0400FF), (PFB1CR, 0x3004001F)):
         flash.write(register, 0xFFFFFFFF)
-        assert flash.registers.read(register, 4) == left
+        assert flash.registers.read(register, 4) == remainder
         flash.write(register, 0)
         assert flash.registers.read(register, 4) == (0x30040000 if register else 0)
 

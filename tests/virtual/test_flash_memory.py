@@ -61,21 +61,21 @@ def stated(code: int, address: int) -> int:
 
 
 def test_a_phrase_is_programmed_read_back_and_erased(build_c: Build) -> None:
-    here = 0x90008
+    place = 0x90008
     board, results = carried_out(
         build_c,
         [
-            (stated(0x09, here & ~0xF), 0, 0),
-            (stated(0x07, here), 0x11223344, 0x55667788),
-            (stated(0x02, here), 0x01000000, 0x11223344),
-            (stated(0x02, here + 4), 0x02000000, 0x55667788),
-            (stated(0x02, here), 0x01000000, 0x11223345),
-            (stated(0x01, here & ~0xF), 0x00010000, 0),
-            (stated(0x01, here + 8), 0x00010000, 0),
+            (stated(0x09, place & ~0xF), 0, 0),
+            (stated(0x07, place), 0x11223344, 0x55667788),
+            (stated(0x02, place), 0x01000000, 0x11223344),
+            (stated(0x02, place + 4), 0x02000000, 0x55667788),
+            (stated(0x02, place), 0x01000000, 0x11223345),
+            (stated(0x01, place & ~0xF), 0x00010000, 0),
+            (stated(0x01, place + 8), 0x00010000, 0),
         ],
     )
     assert [result[0] for result in results] == [DONE] * 4 + [DONE | FAILED] * 2 + [DONE]
-    assert board.processor.memory.read_words(here, 2) == (0x11223344, 0x55667788)
+    assert board.processor.memory.read_words(place, 2) == (0x11223344, 0x55667788)
     assert board.unmodelled == ()
 
 
@@ -205,9 +205,9 @@ def test_records_are_programmed_once(build_c: Build) -> None:
             (stated(0x03, 0x40008), 0, 0),
         ],
     )
-    blank, kept = (0xFFFFFFFF, 0xFFFFFFFF), (0xCAFEF00D, 0x12345678)
+    blank, stored = (0xFFFFFFFF, 0xFFFFFFFF), (0xCAFEF00D, 0x12345678)
     assert [result[0] & ~COLLISION for result in results] == [DONE, DONE, DONE | ACCESS] + [DONE] * 4
-    assert [results[index][1:] for index in (0, 3, 4, 5, 6)] == [blank, kept, kept, blank, blank]
+    assert [results[index][1:] for index in (0, 3, 4, 5, 6)] == [blank, stored, stored, blank, blank]
 
 
 def test_code_in_ram_erases_all_of_the_flash_and_no_record(build_c: Build) -> None:
@@ -242,12 +242,12 @@ def test_code_in_ram_erases_all_of_the_flash_and_no_record(build_c: Build) -> No
 def test_commands_that_are_left_out_are_reported_by_name(build_c: Build, command: int, second: int, name: str) -> None:
     board, results = carried_out(build_c, [(command, second, 0)])
     assert results[0][0] == DONE | ACCESS
-    (told,) = [str(access) for access in board.unmodelled]
-    assert told.startswith(
+    (answer,) = [str(access) for access in board.unmodelled]
+    assert answer.startswith(
         f"FTFE_FCCOB0's {name} at 0x40020007 is not modelled; write of 0x{command >> 24:02x} from 0x"
     )
-    assert "in command (program.c:" in told
-    assert told.endswith(" got ACCERR")
+    assert "in command (program.c:" in answer
+    assert answer.endswith(" got ACCERR")
 
 
 def test_the_part_is_unsecured_and_its_settings_are_those_in_the_flash(build_c: Build) -> None:
@@ -321,34 +321,34 @@ def test_flash_keeps_what_was_programmed_across_resets(build_c: Build) -> None:
 
 
 def test_a_file_keeps_the_flash_from_run_to_run_but_for_what_the_image_loads(build_c: Build, tmp_path: Path) -> None:
-    kept = tmp_path / "flash.bin"
+    stored = tmp_path / "flash.bin"
     elf = build_c(HEAD + COUNTING % 0)
     for boots in (1, 2, 3):
-        board = VirtualK64F(elf, flash_file=str(kept))
+        board = VirtualK64F(elf, flash_file=str(stored))
         board.run_until(0.01)
         assert word(board, "first") == boots
-    content = bytearray(kept.read_bytes())
+    content = bytearray(stored.read_bytes())
     assert struct.unpack_from("<QQQ", content, 0x90000) == (0, 1, 2)
     assert content[:8] == board.processor.memory.read(0, 8)
     content[:8] = bytes(8)  # in the image's own sector: another image, or damage
-    kept.write_bytes(content)
-    board = VirtualK64F(elf, flash_file=kept)
+    stored.write_bytes(content)
+    board = VirtualK64F(elf, flash_file=stored)
     follow(board, {0.01: {"first": 4}})
 
 
 def test_a_file_keeps_the_records_too(build_c: Build, tmp_path: Path) -> None:
-    kept = tmp_path / "flash.bin"
-    carried_out(build_c, [(0x43020000, 0xCAFEF00D, 0x12345678)], flash_file=kept)
-    _, results = carried_out(build_c, [(0x41020000, 0, 0)], flash_file=kept)
+    stored = tmp_path / "flash.bin"
+    carried_out(build_c, [(0x43020000, 0xCAFEF00D, 0x12345678)], flash_file=stored)
+    _, results = carried_out(build_c, [(0x41020000, 0, 0)], flash_file=stored)
     assert results[0][1:] == (0xCAFEF00D, 0x12345678)
 
 
 def test_a_file_that_is_no_flash_is_refused(build_c: Build, tmp_path: Path) -> None:
     elf = build_c(HEAD + COUNTING % 0)
-    kept = tmp_path / "flash.bin"
-    kept.write_bytes(b"something else")
+    stored = tmp_path / "flash.bin"
+    stored.write_bytes(b"something else")
     nowhere = tmp_path / "nowhere" / "flash.bin"
-    for wrong, reason in ((kept, "14 bytes"), (nowhere, "No such file"), (tmp_path, "a folder")):
+    for wrong, reason in ((stored, "14 bytes"), (nowhere, "No such file"), (tmp_path, "a folder")):
         with pytest.raises(ConfigError, match=reason):
             VirtualK64F(elf, flash_file=wrong).run_until(0.01)
-    assert kept.read_bytes() == b"something else"
+    assert stored.read_bytes() == b"something else"

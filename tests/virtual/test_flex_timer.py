@@ -84,22 +84,22 @@ def test_it_counts_a_clock_that_comes_from_a_pin(build_c: Build) -> None:
 
 def edges(board: VirtualK64F, pin: str, duration_s: float) -> list[tuple[float, bool]]:
     """Step by microseconds; return when a pin had changed, and to what."""
-    found, before, end_s = [], board.level(pin), board.time_s + duration_s
+    results, before, end_s = [], board.level(pin), board.time_s + duration_s
     while board.time_s < end_s:
         board.run_until(board.time_s + 1e-6)
         if board.level(pin) != before:
             before = not before
-            found.append((board.time_s, before))
-    return found
+            results.append((board.time_s, before))
+    return results
 
 
 def shares(board: VirtualK64F, pin: str) -> tuple[float, float]:
     """Period and share of the time high of a pin, of five rounds of at most a millisecond."""
-    found = edges(board, pin, 0.006)
-    if len(found) < 4:
+    result = edges(board, pin, 0.006)
+    if len(result) < 4:
         return 0.0, float(board.level(pin))
-    rises = [at for at, high in found if high]
-    falls = [at for at, high in found if not high and at > rises[0]]
+    rises = [at for at, high in result if high]
+    falls = [at for at, high in result if not high and at > rises[0]]
     period_s = (rises[-1] - rises[0]) / (len(rises) - 1)
     return period_s, sum(fall - rise for rise, fall in zip(rises, falls, strict=False)) / len(falls) / period_s
 
@@ -121,8 +121,8 @@ def shares(board: VirtualK64F, pin: str) -> tuple[float, float]:
 def test_a_pulse_width_is_on_its_pin(build_c: Build, set_up: str, share: float) -> None:
     board = board_of(build_c, f"FTM(MOD) = 9999; {set_up} FTM(SC) = 8;")
     board.run_until(0.002)
-    period_s, found = shares(board, "PTC1")
-    assert found == pytest.approx(share, abs=0.003)
+    period_s, result = shares(board, "PTC1")
+    assert result == pytest.approx(share, abs=0.003)
     if 0 < share < 1:
         assert period_s == pytest.approx(10_000 / BUS_HZ, abs=1e-6)
 
@@ -136,9 +136,9 @@ def test_a_pulse_of_a_centre_aligned_width_grows_to_both_sides(build_c: Build) -
     narrow = edges(board, "PTC1", 0.0011)
     wide = edges(board, "PTC2", 0.0011)
 
-    def centre(found: list[tuple[float, bool]]) -> float:
-        rise = next(at for at, high in found if high)
-        return (rise + next(at for at, high in found if not high and at > rise)) / 2
+    def centre(result: list[tuple[float, bool]]) -> float:
+        rise = next(at for at, high in result if high)
+        return (rise + next(at for at, high in result if not high and at > rise)) / 2
 
     rounds = (centre(wide) - centre(narrow)) * BUS_HZ / 10_000
     assert rounds == pytest.approx(round(rounds), abs=0.005)
@@ -164,11 +164,11 @@ def test_a_compare_acts_on_its_pin(build_c: Build, edge: int, levels: list[bool]
     )
     board.run_until(4000 / BUS_HZ)
     assert board.level("PTC1") == bool(initial)
-    seen = []
+    observations = []
     for turn in range(4):
         board.run_until((turn * 10_000 + 7000) / BUS_HZ)
-        seen.append(board.level("PTC1"))
-    assert seen == levels
+        observations.append(board.level("PTC1"))
+    assert observations == levels
 
 
 def test_a_channel_interrupts_at_its_value(build_c: Build) -> None:
@@ -180,14 +180,14 @@ def test_a_channel_interrupts_at_its_value(build_c: Build) -> None:
 def test_edges_of_a_pin_are_captured(build_c: Build, edge: int, captured: list[int]) -> None:
     board = board_of(build_c, f"FTM(C0SC) = {0x40 | edge}; FTM(SC) = 8;")
     board.run_until(0.001)
-    found = []
+    results = []
     for turn in range(4):
         before = word(board, "fired")
         board.drive("PTC1", turn % 2 == 0)
         board.run_until(board.time_s + 1e-4)
         if word(board, "fired") > before:
-            found.append(turn)
-    assert found == captured
+            results.append(turn)
+    assert results == captured
 
 
 def test_a_captured_count_is_the_time_of_its_edge(build_c: Build) -> None:

@@ -21,9 +21,9 @@ int main(void) { for (;;) { if (++steps == 1000) *(volatile unsigned *)0x6000000
 
 
 def converted(elf: Path, kind: str, suffix: str) -> Path:
-    made = elf.with_suffix(suffix)
-    subprocess.run(["arm-none-eabi-objcopy", "-O", kind, str(elf), str(made)], check=True, timeout=60)
-    return made
+    result = elf.with_suffix(suffix)
+    subprocess.run(["arm-none-eabi-objcopy", "-O", kind, str(elf), str(result)], check=True, timeout=60)
+    return result
 
 
 def outcome(board: VirtualK64F) -> tuple[str, int, int]:
@@ -77,7 +77,7 @@ END = record(1, 0)
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "said"),
+    ("text", "line", "message"),
     [
         (record(0, 0, b"abcd")[:-3] + "00\n" + END, 1, "invalid checksum"),
         (record(0, 0, b"abcd"), 1, "without an end record"),
@@ -89,10 +89,10 @@ END = record(1, 0)
         ("hello\n" + END, 1, "invalid record"),
     ],
 )
-def test_a_damaged_hex_file_is_refused_with_its_line(tmp_path, text, line, said):
+def test_a_damaged_hex_file_is_refused_with_its_line(tmp_path, text, line, message):
     path = tmp_path / "damaged.hex"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=f"damaged.hex, line {line}: .*{said}"):
+    with pytest.raises(ConfigError, match=f"damaged.hex, line {line}: .*{message}"):
         load_image(path)
 
 
@@ -120,7 +120,7 @@ def test_any_bytes_called_hex_are_an_image_or_a_config_error(content):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "base", "said"),
+    ("name", "content", "base", "message"),
     [
         ("empty.bin", b"", None, "empty.bin: empty"),
         ("any.img", b"\0" * 8, 0xFFFFFFFC, "beyond the last address"),
@@ -129,10 +129,10 @@ def test_any_bytes_called_hex_are_an_image_or_a_config_error(content):
         ("a.hex", END.encode(), 0x100, "Intel HEX says itself where it belongs"),
     ],
 )
-def test_what_cannot_be_placed_is_refused(tmp_path, name, content, base, said):
+def test_what_cannot_be_placed_is_refused(tmp_path, name, content, base, message):
     path = tmp_path / name
     path.write_bytes(content)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         load_image(path, base=base)
 
 

@@ -94,18 +94,18 @@ def test_it_counts_the_edges_of_a_pin(build_c: Build, control: int, fires_at: li
     # PTC5 as LPTMR0_ALT2
     board = board_of(build_c, f"WORD(0x4004B014) = 3u << 8; PSR = 5; CMR = 2; CSR = {control & 0x7E}; CSR = {control};")
     board.run_until(0.001)
-    seen = []
+    observations = []
     for pulse in range(8):
         before = word(board, "fired")
         board.drive("PTC5", True)
         board.run_until(board.time_s + 0.001)
         if word(board, "fired") > before:
-            seen.append(pulse)
+            observations.append(pulse)
         board.drive("PTC5", False)
         board.run_until(board.time_s + 0.001)
-        if word(board, "fired") > before and pulse not in seen:
-            seen.append(pulse + 1)
-    assert seen == fires_at
+        if word(board, "fired") > before and pulse not in observations:
+            observations.append(pulse + 1)
+    assert observations == fires_at
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def clocks(build: Build, code: str, data: str, pair: str) -> int:
 @pytest.mark.parametrize(("code", "data"), MEASURED)
 def test_pairs_in_every_memory_take_the_clocks_that_were_measured(build: Build, code: str, data: str) -> None:
     counted = [clocks(build, code, data, pair) for pair in (LDR_STR, LDM_STM)]
-    assert counted == [pytest.approx(each, abs=TOLERANCE[code]) for each in MEASURED[code, data]]
+    assert counted == [pytest.approx(item, abs=TOLERANCE[code]) for item in MEASURED[code, data]]
     names = {"flash": "flash", "lower": "SRAM_L", "upper": "SRAM_U"}
     measured = MEASURED[code, data]
     row = f"| {names[code]}, {names[data]} | {measured[0]} | {counted[0]} | {measured[1]} | {counted[1]} |"

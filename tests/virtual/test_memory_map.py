@@ -152,7 +152,7 @@ def test_the_guess_covers_what_is_loaded_and_leaves_room_for_arguments(linked):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "'' is no memory; write it as flash="),
         ("rom=0:1K,ram=0x20000000:4K", "'rom=0:1K' is no memory"),
@@ -170,7 +170,7 @@ def test_the_guess_covers_what_is_loaded_and_leaves_room_for_arguments(linked):
         ("flash=0x08000000:64K,ram=0x20000000:64K", "does not fit the memories flash=0x08000000"),
     ],
 )
-def test_memories_that_cannot_be_are_refused(linked, text, said):
+def test_memories_that_cannot_be_are_refused(linked, text, message):
     elf = linked(*PARTS["K64F"])
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         board_for(elf, memory=text).call("dot", b"", 0)

@@ -86,9 +86,9 @@ def test_the_processor_sleeps_while_nothing_is_to_do(booted: VirtualK64F) -> Non
 
 def test_running_until_a_time_reaches_it_whatever_the_rounding(booted: VirtualK64F) -> None:
     for step in range(1, 400):
-        wanted = booted.time_s + step * 1.1e-7
-        booted.run_until(wanted)
-        assert wanted <= booted.time_s < wanted + 1e-6
+        expected = booted.time_s + step * 1.1e-7
+        booted.run_until(expected)
+        assert expected <= booted.time_s < expected + 1e-6
 
 
 def test_bytes_sent_before_power_on_meet_a_receiver_that_is_off() -> None:
@@ -219,12 +219,12 @@ def test_a_timer_that_is_polled_flags_each_expiry_until_cleared() -> None:
     board, timers = _timers()
     timers.write(0x100, 4, 99)
     timers.write(0x108, 4, 1)  # no interrupt
-    seen = []
+    observations = []
     for _ in range(5):
         _pass(board, 60)
-        seen.append(timers.read(0x10C, 4))
+        observations.append(timers.read(0x10C, 4))
         timers.write(0x10C, 4, 1)
-    assert seen == [0, 1, 0, 1, 1]  # looked at 60, 120, 180, 240 and 300; it expires at 100, 200 and 300
+    assert observations == [0, 1, 0, 1, 1]  # looked at 60, 120, 180, 240 and 300; it expires at 100, 200 and 300
     assert FIRST_INTERRUPT + 48 not in board.processor.nvic.pending
 
 

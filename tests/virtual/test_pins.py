@@ -167,16 +167,16 @@ def test_many_pins_are_configured_by_one_write(port: Port) -> None:
 def test_a_pin_that_somebody_follows_has_a_signal_that_tells_of_each_edge(port: Port, follows: bool) -> None:
     levels = [False]
     signal = PinSignal(on_level=lambda _high: None, level=lambda: levels[-1])
-    told: list[int] = []
-    port.on_change = lambda _port: told.append(port.driven_low >> 3 & 1)
+    messages: list[int] = []
+    port.on_change = lambda _port: messages.append(port.driven_low >> 3 & 1)
     port.watch(1 << 3, follows_timers=follows)
     port.lead(3, 4, signal)
     port.write(0x0C, 4, 4 << 8)
-    assert (signal.is_heard, told) == (follows, [1] if follows else [])
+    assert (signal.is_heard, messages) == (follows, [1] if follows else [])
     for level in (True, False):
         levels.append(level)
         signal.report_change()
-    assert told == ([1, 0, 1] if follows else [])
+    assert messages == ([1, 0, 1] if follows else [])
     assert port.levels == 0
     levels.append(True)
     assert port.levels == 1 << 3

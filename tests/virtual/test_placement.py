@@ -33,8 +33,8 @@ def profiled(build: Build, body: str, before: str = "", profile: str = "cortex-m
 
 
 def test_a_loop_that_begins_badly_is_named_with_what_it_loses(build: Build) -> None:
-    found = profiled(build, ADDITIONS)
-    (loop,) = found.loops
+    result = profiled(build, ADDITIONS)
+    (loop,) = result.loops
     assert (loop.function, loop.address, loop.turns) == ("work", 0x1FFF4006, TURNS - 1)
     assert (loop.misplaced, loop.wide) == (12 * TURNS, 12 * TURNS)
     # Of twelve additions the fourth, seventh and tenth wait, and the first behind each branch back.

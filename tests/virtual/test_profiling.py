@@ -35,7 +35,7 @@ def assert_adds_up(profile: CallProfile, elf: Path, name: str, *arguments: objec
     assert (profile.cycles, profile.instructions) == (counted.cycles, counted.instructions)
     sums = {
         "kinds": sum(profile.work.values()) + sum(profile.stalls.values()) + profile.asleep_cycles,
-        "functions": sum(each.self_cycles for each in profile.functions),
+        "functions": sum(row.self_cycles for row in profile.functions),
         "lines": sum(line.cycles for line in profile.lines) + profile.asleep_cycles,
         "instructions": sum(address.cycles for address in profile.addresses) + profile.asleep_cycles,
         "stacks": sum(stack.cycles for stack in profile.stacks),
@@ -44,9 +44,9 @@ def assert_adds_up(profile: CallProfile, elf: Path, name: str, *arguments: objec
         del sums["lines"]
     assert set(sums.values()) == {counted.cycles}, sums
     assert sum(address.executions for address in profile.addresses) == counted.instructions
-    assert sum(each.stall_cycles for each in profile.functions) == sum(profile.stalls.values())
+    assert sum(row.stall_cycles for row in profile.functions) == sum(profile.stalls.values())
     assert min(profile.stalls.values()) >= 0
-    (root,) = [each for each in profile.functions if each.name == name]
+    (root,) = [row for row in profile.functions if row.name == name]
     assert root.cycles == counted.cycles
 
 
@@ -142,7 +142,7 @@ def test_calls_and_tail_calls_are_told_apart_and_counted(build: Build) -> None:
         ("outer", "f", "g"): 6,
         ("outer", "f", "h"): 6,
     }
-    assert {each.name: (each.calls, each.self_cycles, each.cycles) for each in profile.functions} == {
+    assert {row.name: (row.calls, row.self_cycles, row.cycles) for row in profile.functions} == {
         "outer": (1, 12, 44),
         "f": (2, 20, 32),
         "g": (2, 6, 6),
@@ -185,7 +185,7 @@ def test_a_recursive_function_is_counted_once_in_what_it_costs(in_c: Callable[..
 def test_a_deep_mutual_recursion_stays_small_and_exact(in_c: Callable[..., Path]) -> None:
     elf = in_c(RECURSION)
     profile = profiled(elf, "even", 2000)
-    assert {each.name: each.calls for each in profile.functions} == {"even": 1001, "odd": 1000}
+    assert {row.name: row.calls for row in profile.functions} == {"even": 1001, "odd": 1000}
     assert max(len(stack.functions) for stack in profile.stacks) <= 102
     assert_adds_up(profile, elf, "even", 2000)
 
@@ -197,7 +197,7 @@ def test_inlined_code_is_shown_where_it_was_written(in_c: Callable[..., Path]) -
         square_h="static inline __attribute__((always_inline)) int square(int x) {\n return x * x + 1;\n}\n",
     )
     profile = profiled(elf, "sum", 10)
-    assert [each.name for each in profile.functions] == ["sum"]
+    assert [row.name for row in profile.functions] == ["sum"]
     (inlined,) = [line for line in profile.lines if line.location == "square.h:2"]
     assert inlined.instructions >= 10, "the multiplication of each round"
     assert_adds_up(profile, elf, "sum", 10)
@@ -215,16 +215,16 @@ def test_static_functions_of_one_name_are_told_apart(in_c: Callable[..., Path]) 
         two_c=one.format(op="* x + 5", name="two"),
     )
     profile = profiled(elf, "main")
-    steps = [each for each in profile.functions if each.name.startswith("step@0x")]
+    steps = [row for row in profile.functions if row.name.startswith("step@0x")]
     assert [step.calls for step in steps] == [1, 1]
-    assert len({each.name for each in profile.functions}) == len(profile.functions) == 5
+    assert len({row.name for row in profile.functions}) == len(profile.functions) == 5
 
 
 def test_without_debug_information_functions_are_still_told_apart(in_c: Callable[..., Path]) -> None:
     elf = in_c(RECURSION, "-g0")
     profile = profiled(elf, "main")
     assert profile.lines == ()
-    assert {each.name for each in profile.functions} == {"main", "fib", "even", "odd"}
+    assert {row.name for row in profile.functions} == {"main", "fib", "even", "odd"}
     assert_adds_up(profile, elf, "main")
 
 

@@ -22,36 +22,40 @@ def counted(published: Published, profile: str) -> Count:
     return count(published, profile)
 
 
-@pytest.mark.parametrize("published", FIGURES, ids=lambda each: f"{each.elf} {each.function}")
+@pytest.mark.parametrize("published", FIGURES, ids=lambda item: f"{item.elf} {item.function}")
 def test_version_2_is_as_close_to_a_published_count_as_it_promises(published: Published) -> None:
     least = -TABLES_IN_FLASH if published.tables_in_flash else -PROMISED
     assert least <= counted(published, TWO).error(published) <= PROMISED
 
 
-@pytest.mark.parametrize("published", [each for each in FIGURES if not each.tables_in_flash], ids=lambda each: each.elf)
+@pytest.mark.parametrize(
+    "published", [figure for figure in FIGURES if not figure.tables_in_flash], ids=lambda item: item.elf
+)
 def test_a_published_count_is_in_the_range_of_version_2(published: Published) -> None:
     assert counted(published, TWO).holds(published)
 
 
 def test_version_1_counts_what_it_did() -> None:
-    assert [round(counted(each, ONE).cycles, 1) for each in FIGURES] == list(COUNTED_BY_VERSION_1)
+    assert [round(counted(figure, ONE).cycles, 1) for figure in FIGURES] == list(COUNTED_BY_VERSION_1)
 
 
 def test_version_2_is_closer_in_the_mean_and_at_worst() -> None:
-    before, now = (mean_and_worst([(each, counted(each, profile)) for each in FIGURES]) for profile in (ONE, TWO))
+    before, now = (mean_and_worst([(figure, counted(figure, profile)) for figure in FIGURES]) for profile in (ONE, TWO))
     assert now[0] < before[0] / 1.5
     assert now[1] < before[1] / 3
 
 
 def test_code_without_its_alignment_takes_about_what_its_author_says_more() -> None:
-    aligned, unaligned = (next(each for each in FIGURES if each.elf == elf) for elf in ("x25519_m4f", "x25519_m4f_na"))
+    aligned, unaligned = (
+        next(figure for figure in FIGURES if figure.elf == elf) for elf in ("x25519_m4f", "x25519_m4f_na")
+    )
     more = counted(unaligned, TWO).cycles - counted(aligned, TWO).cycles
     assert more == pytest.approx(30_000, rel=0.05)  # "30 000 more": rounded to the ten thousand
     assert counted(unaligned, ONE).cycles == counted(aligned, ONE).cycles
 
 
 def test_the_code_computes_what_its_standard_says() -> None:
-    published = next(each for each in FIGURES if each.elf == "x25519_m4f")
+    published = next(figure for figure in FIGURES if figure.elf == "x25519_m4f")
     result, *others = published.arguments()
     VirtualK64F(published.path).call(published.function, result, *others)
     assert result == SHARED_SECRET

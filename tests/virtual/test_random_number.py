@@ -39,7 +39,7 @@ def test_runs_with_one_seed_draw_the_same_words_and_others_do_not(build_c: Build
     other.seed = 1
     assert not set(drawn) & set(words_of(other))
     # Of 2048 fair bits so many are ones in all but one run of 10^9: six standard deviations of 22.6.
-    assert sum(each.bit_count() for each in drawn) == pytest.approx(1024, abs=136)
+    assert sum(draw.bit_count() for draw in drawn) == pytest.approx(1024, abs=136)
 
 
 def test_a_bench_gives_its_seed_to_the_board(build_c: Build) -> None:

@@ -125,9 +125,9 @@ def test_a_function_that_calls_itself_has_a_call_for_each_level_and_the_share_ha
     watch = board.watch_calls(["levels"])
     board.run_until(0.0005)
     inner, *outer = watch.calls("levels")[:4]
-    assert [inner.cycles < each.cycles for each in outer] == [True] * 3
+    assert [inner.cycles < call.cycles for call in outer] == [True] * 3
     assert cycles_of(outer) == sorted(cycles_of(outer))
-    assert [each.outermost for each in outer] == [False, False, True]
+    assert [call.outermost for call in outer] == [False, False, True]
     outermost = [call.cycles for call in watch.calls("levels") if call.outermost]
     assert watch.summary("levels").share == sum(outermost) / watch.cycles
 

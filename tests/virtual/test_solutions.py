@@ -56,9 +56,9 @@ def test_slices_of_two_functions_make_a_solution(build_c: Build) -> None:
     assert summary.solutions > 10
     assert (summary.fewest_slices, summary.most_slices) == (5, 5)
     slices = calls.calls("begin_slice")[:1] + calls.calls("fit_slice")[:4]
-    assert summary.median == sum(each.cycles for each in slices)
+    assert summary.median == sum(item.cycles for item in slices)
     assert (summary.least, summary.most) == (summary.median, summary.median)
-    assert summary.longest_slice == max(each.cycles for each in slices)
+    assert summary.longest_slice == max(item.cycles for item in slices)
 
 
 @pytest.mark.parametrize("end", [ZERO, CHANGED])
@@ -77,13 +77,13 @@ def test_a_solution_that_had_begun_before_is_left_out(build_c: Build, end: Solut
 
 def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
     board = VirtualK64F(build_c(SLICES, "-O2"))
-    for word, said in (
+    for word, answer in (
         ("fitt", "'fitt' is no variable"),
         ("main", "'main' is no variable"),
         ("fit-1", "is no variable"),
         ("fit+6", "4 bytes at fit"),
     ):
-        with pytest.raises(ConfigError, match=said):
+        with pytest.raises(ConfigError, match=answer):
             board.watch_solutions(["fit_slice"], SolutionEnd(word))
     board.watch_solutions(["fit_slice"], ZERO)
     with pytest.raises(ConfigError, match="another word"):
@@ -95,17 +95,17 @@ def test_a_solution_takes_as_long_once_more_and_waits_as_it_does_from_flash(buil
     elf, functions, profile = build_c(LONG_LOOP, "-O2"), ["begin_slice", "fit_slice"], load_profile("cortex-m4-k64f/2")
     board, slow = VirtualK64F(elf), VirtualK64F(elf, profile=profile)
     watch, waited = board.watch_solutions(functions, end), slow.watch_solutions(functions, end)
-    for each, seconds in ((board, 0.005), (slow, 0.008)):
-        each.run_until(seconds)
-    kept = watch.latest()
-    assert kept is not None
-    assert (kept.cycles, len(kept.slices)) == (watch.solutions[-1].cycles, 5)
+    for item, seconds in ((board, 0.005), (slow, 0.008)):
+        item.run_until(seconds)
+    stored = watch.latest()
+    assert stored is not None
+    assert (stored.cycles, len(stored.slices)) == (watch.solutions[-1].cycles, 5)
     assert watch.solutions[-1].cycles > watch.solutions[0].cycles
-    again = count_with_waits(board, kept, profile)
-    assert again.cycles - again.waits == kept.cycles
+    again = count_with_waits(board, stored, profile)
+    assert again.cycles - again.waits == stored.cycles
     # What the controller holds at a slice's entry differs, two lines at most: 10 clocks each.
     assert waited.solutions[len(watch.solutions) - 1].cycles == pytest.approx(again.cycles, abs=5 * 2 * 10)
-    assert again.waits > 0.1 * kept.cycles
+    assert again.waits > 0.1 * stored.cycles
 
 
 def test_something_else_may_change_the_data_between_the_slices_of_a_solution(build_c: Build) -> None:
@@ -113,10 +113,10 @@ def test_something_else_may_change_the_data_between_the_slices_of_a_solution(bui
     board = VirtualK64F(elf)
     watch = board.watch_solutions(["begin_slice", "fit_slice"], ZERO)
     board.run_until(0.002)
-    kept = watch.latest()
-    assert kept is not None
-    again = count_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
-    assert again.cycles - again.waits == kept.cycles
+    stored = watch.latest()
+    assert stored is not None
+    again = count_with_waits(board, stored, load_profile("cortex-m4-k64f/2"))
+    assert again.cycles - again.waits == stored.cycles
 
 
 def test_a_slice_that_depends_on_a_device_is_not_counted_again(build_c: Build) -> None:
@@ -129,10 +129,10 @@ def test_a_slice_that_depends_on_a_device_is_not_counted_again(build_c: Build) -
     board = VirtualK64F(build_c(source, "-O2"))
     watch = board.watch_solutions(["begin_slice", "fit_slice"], ZERO)
     board.run_until(0.002)
-    kept = watch.latest()
-    assert kept is not None
+    stored = watch.latest()
+    assert stored is not None
     with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* something from outside"):
-        count_with_waits(board, kept, load_profile("cortex-m4-k64f/2"))
+        count_with_waits(board, stored, load_profile("cortex-m4-k64f/2"))
 
 
 def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:
@@ -146,9 +146,9 @@ def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:
         board.run_until(board.time_s + 2e-6)
     assert watch.latest() is None
     board.run_until(board.time_s + 1e-3)
-    kept = watch.latest()
-    assert kept is not None
-    assert len(kept.slices) == 5
+    stored = watch.latest()
+    assert stored is not None
+    assert len(stored.slices) == 5
 
 
 @pytest.mark.slow
@@ -162,16 +162,16 @@ def test_slices_of_anothers_calibration_are_as_many_as_its_source_says() -> None
     assert (watch.summary.solutions, watch.summary.most_slices) == (1, 17)
 
 
-def call(entered: int, cycles: int, left: int = 0, **more: int) -> Call:
-    return Call(entered, entered + cycles + sum(more.values()), word=left, **more)
+def call(entered: int, cycles: int, remainder: int = 0, **more: int) -> Call:
+    return Call(entered, entered + cycles + sum(more.values()), word=remainder, **more)
 
 
 def test_a_slice_within_another_counts_with_that_one() -> None:
     slices = [call(0, 50, 1), call(10, 20, 1), call(100, 30, 0), call(200, 7, 1)]
-    found = sum_solutions(slices, lambda each, _before: each.word == 0, before=0, is_whole=True)
-    assert [(each.cycles, each.slices, each.longest) for each in found] == [(80, 2, 50)]
-    assert summarise_solutions(found).most == 80
-    assert sum_solutions(slices, lambda each, _before: each.word == 0, before=1, is_whole=False) == []
+    result = sum_solutions(slices, lambda item, _before: item.word == 0, before=0, is_whole=True)
+    assert [(item.cycles, item.slices, item.longest) for item in result] == [(80, 2, 50)]
+    assert summarise_solutions(result).most == 80
+    assert sum_solutions(slices, lambda item, _before: item.word == 0, before=1, is_whole=False) == []
 
 
 def test_a_summary_counts_what_is_apart_and_nothing_of_no_calls() -> None:

@@ -125,7 +125,7 @@ def test_a_call_takes_what_it_and_what_it_calls_put_on_the_stack(
     watch = board.watch_calls([*used, "SVC_Handler"])
     board.run_until(0.001)
     assert {name: {call.stack for call in watch.calls(name)} for name in used} == {
-        name: {each} for name, each in used.items()
+        name: {item} for name, item in used.items()
     }
     assert {call.stack for call in watch.calls("SVC_Handler")} == ({8} if function == "calls" else set())
 
@@ -173,13 +173,13 @@ def test_below_each_stack_of_others_programs_nothing_was_written(name: str) -> N
 def test_flash_and_ram_are_what_the_compilers_own_tool_says(
     shipped_board: VirtualK64F, require_tool: Callable[[str], str]
 ) -> None:
-    said = subprocess.run(
+    output = subprocess.run(
         [require_tool("arm-none-eabi-size"), "-A", "-d", os.fspath(shipped_board.image.name)],
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    rows = [each for line in said.splitlines() if len(each := line.split()) == 3 and each[1].isdigit()]
+    rows = [item for line in output.splitlines() if len(item := line.split()) == 3 and item[1].isdigit()]
     sizes = {name: (int(size), int(address)) for name, size, address in rows}
     in_ram = {name: size for name, (size, address) in sizes.items() if 0x1FFF0000 <= address < 0x20030000}
     zeroed = sum(in_ram.get(name, 0) for name in (".bss", ".noinit"))

@@ -165,7 +165,7 @@ def test_a_call_in_a_task_does_not_count_what_other_tasks_do(
     # The same work each time, in either task: what is left of a call is the same whoever ran in between.
     assert len({call.cycles for call in calls}) == 1
     assert watch.summary("series").abandoned == 0
-    assert max(each.elsewhere for each in switched) > calls[0].cycles
+    assert max(call.elsewhere for call in switched) > calls[0].cycles
     assert watch.summary("PendSV_Handler").calls > 10
     assert watch.summary("PendSV_Handler").abandoned == 0
 
@@ -182,8 +182,8 @@ def test_every_function_of_a_kernel_of_others_can_be_watched_at_once(name: str) 
     functions = [symbol.name for symbol in symbols if symbol.is_function and symbol.size]
     watch = board.watch_calls(functions)
     seconds = min(program.seconds, 0.5)
-    said = [run_for(program, each, seconds).text for each in (board, plain)]
-    assert said[0] == said[1]
+    messages = [run_for(program, item, seconds).text for item in (board, plain)]
+    assert messages[0] == messages[1]
     assert board.cycles == plain.cycles
     summaries = [watch.summary(function) for function in functions]
     assert sum(summary.calls for summary in summaries) > 100

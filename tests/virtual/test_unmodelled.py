@@ -30,13 +30,13 @@ def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None
     body += "after = WORD(0x40036000); BYTE(0x40073003) = 0x80; WORD(0x400040FC) = 5;"
     board = VirtualK64F(build_c(program("WORD(0x40048034) |= 1u << 19;" + body)))
     board.run_until(0.001)
-    told = [str(access) for access in board.unmodelled]
+    accesses = [str(access) for access in board.unmodelled]
     assert [access.register for access in board.unmodelled] == ["PDB0_CNT", "PDB0_SC", "CMP0_SCR", "AXBS+0x0FC"]
-    assert told[0].startswith("PDB0_CNT at 0x40036008 is not modelled; read from 0x0000")
-    assert "PDB0_SC at 0x40036000 is not modelled; write of 0x00000008 from 0x" in told[1]
-    assert "in timer_init (program.c:" in told[1]
-    assert told[1].endswith(" kept")
-    assert told[2].startswith("CMP0_SCR at 0x40073003 is not modelled; write of 0x80 from")
+    assert accesses[0].startswith("PDB0_CNT at 0x40036008 is not modelled; read from 0x0000")
+    assert "PDB0_SC at 0x40036000 is not modelled; write of 0x00000008 from 0x" in accesses[1]
+    assert "in timer_init (program.c:" in accesses[1]
+    assert accesses[1].endswith(" kept")
+    assert accesses[2].startswith("CMP0_SCR at 0x40073003 is not modelled; write of 0x80 from")
     assert (word(board, "before"), word(board, "after")) == (0, 39)
 
 
@@ -88,13 +88,13 @@ WAITS = f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{ after = WORD(0x4003600
 
 def test_who_waits_for_a_register_that_is_not_modelled_is_told_so_once(build_c: Build) -> None:
     board = VirtualK64F(build_c(program(WAITS)))
-    told: list[str] = []
-    board.tell(told.append)
+    messages: list[str] = []
+    board.tell(messages.append)
     board.run_until(0.02)
-    told.sort()
-    assert len(told) == 2  # the one that it waits for, and the one that it reads meanwhile
-    assert told[1].startswith("firmware waits for PDB0_SC at 0x40036000, which is not modelled, at 0x")
-    assert " in timer_init (program.c:" in told[1]
+    messages.sort()
+    assert len(messages) == 2  # the one that it waits for, and the one that it reads meanwhile
+    assert messages[1].startswith("firmware waits for PDB0_SC at 0x40036000, which is not modelled, at 0x")
+    assert " in timer_init (program.c:" in messages[1]
 
 
 def test_without_anyone_to_tell_it_is_a_warning(build_c: Build) -> None:
@@ -115,10 +115,10 @@ def test_a_called_function_that_waits_for_one_says_so(build_c: Build) -> None:
 def test_reading_a_register_again_after_writing_is_no_wait(build_c: Build) -> None:
     body = f"{PDB0_ON} for (int i = 0; i < 4000; i++) {{ after = WORD(0x40036000); WORD(0x40036004) = i; }}"
     board = VirtualK64F(build_c(program(body)))
-    told: list[str] = []
-    board.tell(told.append)
+    messages: list[str] = []
+    board.tell(messages.append)
     board.run_until(0.02)
-    assert told == []
+    assert messages == []
     assert word(board, "after") == 0
 
 

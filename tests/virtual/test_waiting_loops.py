@@ -73,9 +73,9 @@ loop:
 
 
 def test_a_sensor_is_polled_and_printed_the_same(build: Build) -> None:
-    found = assert_same_both_ways(build(PROGRAMS / "polls_fxos8700.c"), 0.03)
-    assert len(found.sent) > 50
-    assert len(found.on_i2c) > 50
+    result = assert_same_both_ways(build(PROGRAMS / "polls_fxos8700.c"), 0.03)
+    assert len(result.sent) > 50
+    assert len(result.on_i2c) > 50
 
 
 def test_the_shipped_firmware_runs_the_same() -> None:
@@ -148,7 +148,7 @@ def test_a_timed_function_is_found_among_the_readings_of_the_counter_as_if_every
     build_c: Build, inside: str, behind: str, is_found: bool
 ) -> None:
     elf = build_c(TIMED % (inside, behind), "-O2")
-    found = []
+    results = []
     for executes_all in (False, True):
         board = VirtualK64F(elf)
         board.processor.core.executes_all = executes_all
@@ -162,10 +162,10 @@ def test_a_timed_function_is_found_among_the_readings_of_the_counter_as_if_every
         ]
         steps = counter.executed_in_steps([words[0]], words[1]) is not None
         between = counter.instructions_between(sum(words[:2]))
-        found.append((words, call.cycles, ran, steps, between, len(counter.readings)))
-    assert found[0] == found[1]
-    assert found[0][0][2] == 1
-    assert (found[0][2] is not None, found[0][4] is not None) == (is_found, is_found)
+        results.append((words, call.cycles, ran, steps, between, len(counter.readings)))
+    assert results[0] == results[1]
+    assert results[0][0][2] == 1
+    assert (results[0][2] is not None, results[0][4] is not None) == (is_found, is_found)
 
 
 @pytest.mark.slow

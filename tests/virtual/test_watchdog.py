@@ -83,11 +83,11 @@ def test_serving_it_before_its_window_opens_is_a_reset(build_c: Build, after: in
 def test_it_counts_how_often_it_has_reset_the_part(build_c: Build) -> None:
     counting = "TOVALH = 0; TOVALL = 5; PRESC = 0; STCTRLH = 0x01D1u; if (HALF(0x40052014) == 3) HALF(0x40052014) = 3;"
     board = board_of(build_c, f"unlock(); sources = HALF(0x40052014); {counting}")
-    seen = []
+    observations = []
     for turn in range(5):
         board.run_until((turn + 0.5) * 0.005)
-        seen.append(word(board, "sources"))
-    assert seen == [0, 1, 2, 3, 1]
+        observations.append(word(board, "sources"))
+    assert observations == [0, 1, 2, 3, 1]
 
 
 def test_its_time_and_clock_are_what_firmware_sets(build_c: Build) -> None:

@@ -107,22 +107,22 @@ def test_a_cable_has_the_field_of_a_long_wire_around_it():
 
 
 @settings(max_examples=20)  # two integrals each
-@given(VECTOR.filter(lambda each: math.hypot(*each) > 0.5), st.tuples(*[st.floats(0.3, 3.0)] * 3))
+@given(VECTOR.filter(lambda item: math.hypot(*item) > 0.5), st.tuples(*[st.floats(0.3, 3.0)] * 3))
 def test_a_cable_is_the_integral_of_biot_and_savart_along_it(direction, place):
     along = np.array(direction) / math.hypot(*direction)
     first = (0.0, -4.0, 9.0)
-    assume(min(np.linalg.norm(np.cross(along, each)) for each in (place, first)) >= 0.1)
+    assume(min(np.linalg.norm(np.cross(along, item)) for item in (place, first)) >= 0.1)
 
     def integral(through):
         # tan substitutes the whole line by a finite stretch.
-        found, _ = quad_vec(
+        result, _ = quad_vec(
             lambda u: biot_savart_ut(np.array(through) + math.tan(u) * along, along / math.cos(u) ** 2, np.zeros(3)),
             -0.5 * math.pi,
             0.5 * math.pi,
             epsrel=1e-9,
             epsabs=1e-9,
         )
-        return found
+        return result
 
     cable = Cable(12.0, direction, ((0.0, *first), (1.0, *place)))
     # Closed form and integral: 1e-6 of the field and of what the integral was asked for.
@@ -134,11 +134,11 @@ def test_what_passes_stays_where_it_is_when_the_body_turns_and_what_is_the_bodys
     passing = Passing((300.0, -100.0, 50.0), (1.0, 2.0, -0.5), (1.0, 0.0, 0.0), at_s=0.0)
     cable = Cable(10.0, (0.0, 1.0, 0.0), ((0.0, 0.1, 0.0, 0.3), (1.0, 0.1, 0.0, 0.2)))
     pose = Pose(heading, pitch, roll)
-    found = Disturbances(MOTOR, passing, cable).by_cause_ut(15.0, pose)
+    by_cause_ut = Disturbances(MOTOR, passing, cable).by_cause_ut(15.0, pose)
     turned = rotation_body_from_ned(pose) @ passing.field_ned_ut(15.0)
-    assert np.allclose(found["passing"], turned, atol=1e-12)
-    assert found["current"] == MOTOR.field_ut(15.0)
-    assert found["cable"] == cable.field_ut(15.0)
+    assert np.allclose(by_cause_ut["passing"], turned, atol=1e-12)
+    assert by_cause_ut["current"] == MOTOR.field_ut(15.0)
+    assert by_cause_ut["cable"] == cable.field_ut(15.0)
 
 
 def test_soft_iron_bends_what_passes_and_not_what_is_measured_at_the_part():

@@ -36,9 +36,11 @@ def test_a_level_board_turned_about_x_or_y_rolls_or_pitches() -> None:
 
 @given(face=st.sampled_from(FACES), turn=_turn)
 def test_gravity_turns_by_the_part_of_the_angle_that_is_level(face: Face, turn: tuple[float, float, float]) -> None:
-    seen = gravity_g(askew(face.pose, turn))
+    observed = gravity_g(askew(face.pose, turn))
     across = math.hypot(*(angle for axis, angle in enumerate(turn) if axis != face // 2))
-    apart_deg = math.degrees(math.atan2(float(np.linalg.norm(np.cross(seen, face.gravity_g))), seen @ face.gravity_g))
+    apart_deg = math.degrees(
+        math.atan2(float(np.linalg.norm(np.cross(observed, face.gravity_g))), observed @ face.gravity_g)
+    )
     # Exact for a turn about a level axis alone; with one about the vertical beside it, to second order: 2 deg squared.
     assert apart_deg == pytest.approx(across, abs=0.001 if turn[face // 2] else 1e-9)
 

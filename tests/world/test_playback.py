@@ -61,5 +61,5 @@ def test_samples_beyond_the_part_are_counted_once_each_and_the_end_is_said() -> 
         played.taken("MAG3110", reading, time_s, limit=15.0, limit_words="15 uT")
     assert played.remarks()[1:] == ["field.csv: 2 samples of the MAG3110 were beyond 15 uT and are cut there"]
     played.taken("MAG3110", READINGS[2], 4.25, limit=15.0, limit_words="15 uT")
-    (said,) = played.remarks()[2:]
-    assert "over at 4.000 s of virtual time; its last readings are held since, 0.250 s so far" in said
+    (remark,) = played.remarks()[2:]
+    assert "over at 4.000 s of virtual time; its last readings are held since, 0.250 s so far" in remark

@@ -33,9 +33,9 @@ def test_rates_are_the_slopes_of_the_angles() -> None:
 
 def test_it_turns_and_tilts_at_tens_of_degrees_a_second() -> None:
     sway = Sway(0.0, SWAY_S)
-    seen = [sway.angles(time_s) for time_s in np.linspace(0.0, SWAY_S, 500)]
-    rates = np.array([np.linalg.norm(body_rate_dps(*each)) for each in seen])
+    angles = [sway.angles(time_s) for time_s in np.linspace(0.0, SWAY_S, 500)]
+    rates = np.array([np.linalg.norm(body_rate_dps(*angle)) for angle in angles])
     assert 40.0 < rates.max() < 70.0
     assert np.mean(rates > 10.0) > 0.7
-    assert max(abs(pose.pitch_deg) for pose, _ in seen) == pytest.approx(20.0, abs=0.1)
-    assert max(abs(pose.roll_deg) for pose, _ in seen) == pytest.approx(20.0, abs=0.1)
+    assert max(abs(pose.pitch_deg) for pose, _ in angles) == pytest.approx(20.0, abs=0.1)
+    assert max(abs(pose.roll_deg) for pose, _ in angles) == pytest.approx(20.0, abs=0.1)

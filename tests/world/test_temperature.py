@@ -21,9 +21,9 @@ def test_a_warm_up_goes_63_percent_of_what_is_left_in_a_time_constant():
         course = Temperature(begin, end, time_constant_s=30.0)
         assert course.at(0.0) == begin
         for time_s in (0.0, 12.0, 55.0):
-            left = (end - course.at(time_s + 30.0)) / (end - course.at(time_s))
+            remainder = (end - course.at(time_s + 30.0)) / (end - course.at(time_s))
             # Temperatures are rounded to 1e-6 degC.
-            assert left == pytest.approx(1.0 / math.e, abs=2e-6)
+            assert remainder == pytest.approx(1.0 / math.e, abs=2e-6)
         assert course.at(1e6) == end
 
 

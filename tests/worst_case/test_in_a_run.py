@@ -45,9 +45,9 @@ def run(bench: Path, limit: int) -> tuple[int, Run]:
 def test_a_run_measures_the_cycles_that_the_search_has_found(tmp_path: Path) -> None:
     cycles = load_worst_case(KEPT).cycles
     code, record = run(tmp_path, cycles)
-    found = record.measurement(NAME)
-    assert found is not None
-    assert (code, found.value, found.cycle_model) == (0, cycles, load_worst_case(KEPT).cycle_model)
+    measurement = record.measurement(NAME)
+    assert measurement is not None
+    assert (code, measurement.value, measurement.cycle_model) == (0, cycles, load_worst_case(KEPT).cycle_model)
     code, record = run(tmp_path, cycles - 1)
     assert code == 1
 
@@ -55,11 +55,11 @@ def test_a_run_measures_the_cycles_that_the_search_has_found(tmp_path: Path) -> 
 def test_points_that_the_firmware_refuses_leave_a_limit_unevaluated(tmp_path: Path) -> None:
     suites = tmp_path / "hil" / "suites"
     shutil.copytree(shipped() / "suites", suites)
-    kept = json.loads(KEPT.read_text(encoding="utf-8"))
-    kept["points"] = [[x, y, 0] for x, y, _ in kept["points"]]
-    (suites / "worst" / "iterative.json").write_text(json.dumps(kept), encoding="utf-8")
-    code, record = run(tmp_path, kept["cycles"])
-    found = record.measurement(NAME)
-    assert found is not None
-    assert (code, found.value) == (22, None)
-    assert "search again with hiltest profile worst iterative" in found.note
+    content = json.loads(KEPT.read_text(encoding="utf-8"))
+    content["points"] = [[x, y, 0] for x, y, _ in content["points"]]
+    (suites / "worst" / "iterative.json").write_text(json.dumps(content), encoding="utf-8")
+    code, record = run(tmp_path, content["cycles"])
+    measurement = record.measurement(NAME)
+    assert measurement is not None
+    assert (code, measurement.value) == (22, None)
+    assert "search again with hiltest profile worst iterative" in measurement.note

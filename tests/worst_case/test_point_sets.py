@@ -42,8 +42,8 @@ def test_a_world_without_noise_is_an_ellipsoid(sets: PointSets) -> None:
 def test_the_search_finds_worse_sets_than_as_many_by_chance(sets: PointSets) -> None:
     # Over three seeds 101 670 to 106 777, and 95 513 to 98 190 by chance; 10 000 by chance, 103 012 at most.
     calls = 1500
-    found = search(sets, seed=1, budget=Budget(calls=calls), progress=lambda *_: None)
+    match = search(sets, seed=1, budget=Budget(calls=calls), progress=lambda *_: None)
     random = np.random.default_rng(1)
     low, high = sets.bounds.T
     drawn = [sets.call(sets.made(low + (high - low) * random.random(len(low)))) for _ in range(calls)]
-    assert found.call.cycles > max(each.cycles for each in drawn if each.counts)
+    assert match.call.cycles > max(draw.cycles for draw in drawn if draw.counts)

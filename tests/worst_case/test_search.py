@@ -48,10 +48,10 @@ def searched(problem: Steps, *, seed: int = 1, calls: int = 3000) -> Found[Numbe
 
 
 def test_the_worst_case_over_steps_and_level_ground_is_found_and_a_refused_one_is_not_it() -> None:
-    found = searched(Steps())
-    assert (found.call.cycles, found.call.counts) == (80, True)
-    assert found.refused_cycles is not None
-    assert found.refused_cycles > 100
+    result = searched(Steps())
+    assert (result.call.cycles, result.call.counts) == (80, True)
+    assert result.refused_cycles is not None
+    assert result.refused_cycles > 100
 
 
 @settings(max_examples=20, deadline=None)
@@ -81,26 +81,26 @@ def test_another_seed_searches_elsewhere() -> None:
 def test_a_search_that_is_asked_to_end_has_the_worst_of_what_it_called(after: int) -> None:
     problem = Steps()
     budget = Budget(seconds=60.0, asked_to_end=lambda: len(problem.called) >= after)
-    found = search(problem, seed=1, budget=budget, progress=lambda *_: None)
-    assert found.calls == len(problem.called) == max(after, 1)
-    ranks = [Steps().call(np.array(each)).rank for each in problem.called]
-    assert found.call.rank == max(ranks)
+    match = search(problem, seed=1, budget=budget, progress=lambda *_: None)
+    assert match.calls == len(problem.called) == max(after, 1)
+    ranks = [Steps().call(np.array(item)).rank for item in problem.called]
+    assert match.call.rank == max(ranks)
 
 
 def test_where_no_call_succeeds_the_search_says_so() -> None:
     class Refusing(Steps):
-        def call(self, given: Numbers) -> Call:
-            return Call(super().call(given).cycles, 4, counts=False)
+        def call(self, numbers: Numbers) -> Call:
+            return Call(super().call(numbers).cycles, 4, counts=False)
 
-    found = searched(Refusing(), calls=100)
-    assert not found.call.counts
-    assert found.refused_cycles == found.call.cycles
+    result = searched(Refusing(), calls=100)
+    assert not result.call.counts
+    assert result.refused_cycles == result.call.cycles
 
 
 def test_a_function_that_always_takes_the_same_ends_too() -> None:
     class Flat(Steps):
-        def call(self, given: Numbers) -> Call:
-            super().call(given)
+        def call(self, numbers: Numbers) -> Call:
+            super().call(numbers)
             return Call(7, 0, counts=True)
 
     assert searched(Flat(), calls=5000).call.cycles == 7

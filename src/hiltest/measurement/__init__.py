@@ -29,7 +29,7 @@ from hiltest.measurement.limit import Limit
 from hiltest.measurement.measurement import (
     SIGNIFICANT_DIGITS,
     UNDECIDED,
-    WORST_OF_SEVERAL,
+    WORST_OF,
     Counted,
     Measurement,
     Outcome,
@@ -47,7 +47,7 @@ __all__ = [
     "NEXT_STEP",
     "SIGNIFICANT_DIGITS",
     "UNDECIDED",
-    "WORST_OF_SEVERAL",
+    "WORST_OF",
     "Allowance",
     "Better",
     "Counted",

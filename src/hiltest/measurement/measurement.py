@@ -26,8 +26,8 @@ finer than anything a bench can see.
 """
 
 
-WORST_OF_SEVERAL = "worst of several attempts"
-"""Note of a measurement that is not the only one of its name."""
+WORST_OF = "worst of "
+"""Beginning of the note of a measurement that is not the only one of its name."""
 
 
 class Outcome(StrEnum):
@@ -131,7 +131,7 @@ class Measurement:
     @property
     def says_why_not(self) -> bool:
         """True if there is no number because there is nothing to measure."""
-        return self.outcome is Outcome.NOT_OFFERED and self.note not in ("", WORST_OF_SEVERAL)
+        return self.outcome is Outcome.NOT_OFFERED and bool(self.note) and not self.note.startswith(WORST_OF)
 
     @property
     def may_exceed_limit(self) -> bool:

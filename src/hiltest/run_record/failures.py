@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from hiltest.measurement import Measurement, Outcome
 from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.outcomes import RED
-from hiltest.run_record.run import Run, TestResult, Verdict
+from hiltest.run_record.run import Findings, Run, TestResult, Verdict
 from hiltest.text import format_count, format_number, join_words, short_test_id
 
 _NAMED_AT_MOST = 3
@@ -19,10 +19,11 @@ def out_of_limit(measurements: Iterable[Measurement]) -> list[Measurement]:
     return [measurement for measurement in measurements if measurement.outcome is Outcome.FAIL]
 
 
-def failed_otherwise(tests: Iterable[TestResult], failed: Iterable[Measurement]) -> list[TestResult]:
+def failed_otherwise(run: Run | Findings) -> list[TestResult]:
     """Return the red tests that no measurement out of its limit explains."""
-    explained = {measurement.test for measurement in failed}
-    return [test for test in tests if test.outcome in RED and test.id not in explained]
+    measurements = run.measurements.values() if isinstance(run, Findings) else run.measurements
+    explained = {measurement.test for measurement in out_of_limit([*measurements, *run.other_attempts])}
+    return [test for test in run.tests if test.outcome in RED and test.id not in explained]
 
 
 def measured(measurement: Measurement) -> str:
@@ -80,7 +81,7 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
     tests, measurements = format_count(len(run.tests), "test"), format_count(len(run.measurements), "measurement")
     last = f"; the last test was {short_test_id(run.tests[-1].id)}" if run.tests else ""
     failed = out_of_limit(run.measurements)
-    remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run.tests, failed)))
+    remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run)))
     return Verdict(
         outcome=word,
         exit_code=ExitCode.INTERRUPTED,
@@ -92,13 +93,13 @@ def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
 def missed_only_limits(run: Run) -> bool:
     """Return whether a run failed only because of measurements out of their limits."""
     failed = out_of_limit(run.measurements)
-    return run.verdict.exit_code == ExitCode.FAILED and bool(failed) and not failed_otherwise(run.tests, failed)
+    return run.verdict.exit_code == ExitCode.FAILED and bool(failed) and not failed_otherwise(run)
 
 
 def failed_by_itself(run: Run) -> tuple[str, ...]:
     """Return the failures of a run that neither limits nor the base explain: its tests, with the reason."""
     failed = out_of_limit(run.measurements)
-    tests = tuple(failed_test(test) for test in failed_otherwise(run.tests, failed))
+    tests = tuple(failed_test(test) for test in failed_otherwise(run))
     if not tests and not failed and run.verdict.complete and run.verdict.exit_code not in _OF_COMPARISONS:
         return (f"the run itself ({run.verdict.outcome})",)
     return tests

@@ -25,7 +25,7 @@ from hiltest.json_files import (
 from hiltest.run_record.failures import unfinished_verdict
 from hiltest.run_record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS
 from hiltest.run_record.journal import JOURNAL_FILE, is_going_on
-from hiltest.run_record.run import SCHEMA, Run, Verdict, marked, tolerances_in_force, volatile_places
+from hiltest.run_record.run import SCHEMA, Run, Verdict, mark_worst, tolerances_in_force, volatile_places
 from hiltest.text import join_words
 
 OTHERWISE = "render another record, or run again: hiltest run"
@@ -148,13 +148,10 @@ def _read_journal(path: Path) -> RecordFile:
     content = _join_entries(path, entries[starts[-1] :], first_line=starts[-1] + 1)
     run = _parse_run(JsonFile(path, json_line(content).encode(), content))
     ended = content["verdict"] is not _UNKNOWN
-    several = {other_attempt.name for other_attempt in run.other_attempts}
     run = replace(
         run,
         verdict=run.verdict if ended else unfinished_verdict(run, going_on=going_on),
-        measurements=tuple(
-            marked(measurement) if measurement.name in several else measurement for measurement in run.measurements
-        ),
+        measurements=mark_worst(run.measurements, run.other_attempts),
     )
     run = replace(run, volatile=volatile_places(run), tolerances=_tolerances(run, path))
     noted = [

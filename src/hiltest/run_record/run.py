@@ -6,13 +6,13 @@ Every report is rendered from a `Run` and from nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Literal
 
 from hiltest.measurement import (
-    WORST_OF_SEVERAL,
+    WORST_OF,
     Better,
     Measurement,
     Outcome,
@@ -24,6 +24,7 @@ from hiltest.measurement import (
 )
 from hiltest.run_record.comparison import Comparison, Revision
 from hiltest.run_record.outcomes import TestOutcome
+from hiltest.text import format_number
 
 SCHEMA: Literal["hiltest.run/1"] = "hiltest.run/1"
 
@@ -278,8 +279,7 @@ class Findings:
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record, with measurements and tables sorted by name, and with volatile places."""
-        several = {other_attempt.name for other_attempt in self.other_attempts}
-        measurements = [self.measurements[name].rounded() for name in sorted(self.measurements)]
+        others = tuple(other_attempt.rounded() for other_attempt in self.other_attempts)
         run = Run(
             schema=SCHEMA,
             verdict=verdict,
@@ -293,12 +293,13 @@ class Findings:
             started_utc=self.started_utc,
             finished_utc=finished_utc,
             tests=tuple(self.tests),
-            measurements=tuple(
-                marked(measurement) if measurement.name in several else measurement for measurement in measurements
+            measurements=mark_worst(
+                [self.measurements[name].rounded() for name in sorted(self.measurements)],
+                others,
             ),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
             comparison=self.comparison,
-            other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts),
+            other_attempts=others,
             chosen=self.chosen,
             revision=self.revision,
             coverage=self.coverage,
@@ -356,9 +357,22 @@ def worst_first(earlier: Measurement, later: Measurement) -> tuple[Measurement, 
     return worst, rest
 
 
-def marked(measurement: Measurement) -> Measurement:
-    """Return the measurement with a note that others of its name exist."""
-    return replace(measurement, note="; ".join(filter(None, (measurement.note, WORST_OF_SEVERAL))))
+def mark_worst(measurements: Iterable[Measurement], others: Sequence[Measurement]) -> tuple[Measurement, ...]:
+    """Return the measurements with a note if `others` has their name: the number of attempts and their spread."""
+    by_name: dict[str, list[Measurement]] = {}
+    for attempt in others:
+        by_name.setdefault(attempt.name, []).append(attempt)
+    return tuple(
+        _mark_worst(measurement, by_name[measurement.name]) if measurement.name in by_name else measurement
+        for measurement in measurements
+    )
+
+
+def _mark_worst(measurement: Measurement, others: Sequence[Measurement]) -> Measurement:
+    values = sorted(attempt.value for attempt in (measurement, *others) if attempt.value is not None)
+    spread = f", {format_number(values[0])} to {format_number(values[-1])}" if values else ""
+    remark = f"{WORST_OF}{len(others) + 1} attempts{spread}"
+    return replace(measurement, note="; ".join(filter(None, (measurement.note, remark))))
 
 
 def _rank(measurement: Measurement) -> tuple[int, float]:

@@ -146,6 +146,11 @@ def is_benchmark(item: pytest.Item) -> bool:
     return "benchmark_cycles" in _own_fixtures(item)
 
 
+def is_repeated(item: pytest.Item) -> bool:
+    """Return whether pytest-repeat runs a test several times."""
+    return "__pytest_repeat_step_number" in getattr(getattr(item, "callspec", None), "params", ())
+
+
 def only_shows_cycles(item: pytest.Item) -> bool:
     """Return whether a test shows device cycles and measures nothing that could have a limit."""
     return is_benchmark(item) and "measure" not in _own_fixtures(item)

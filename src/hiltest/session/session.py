@@ -22,6 +22,7 @@ from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
     Choice,
     id_in_record,
+    is_repeated,
     only_looks,
     only_shows_cycles,
     uses_board,
@@ -29,6 +30,7 @@ from hiltest.session.selection import (
     uses_rig,
 )
 from hiltest.session.settings import RUN_COMMAND, Settings, check_environment
+from hiltest.text import id_without_repetition
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, OnChip
@@ -483,13 +485,14 @@ class HilSession:
         Raises
         ------
         ValueError
-            If another test has already measured something of this name.
+            If another test has already measured something of this name; a repetition of a test is no other test.
         BoardResetError
             If the board was reset, since the measurement may belong to a board that has lost its state.
         """
         self._refuse_reset()
-        owner = self.measured_by.setdefault(measurement.name, item.nodeid)
-        if owner != item.nodeid:
+        test = id_without_repetition(item.nodeid) if is_repeated(item) else item.nodeid
+        owner = self.measured_by.setdefault(measurement.name, test)
+        if owner != test:
             raise ValueError(f"{measurement.name} was already measured by {owner}; names are unique in a run")
         item.stash.setdefault(FOUND, Found()).measurements.append(measurement)
         if measurement.gates:

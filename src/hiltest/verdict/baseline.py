@@ -13,7 +13,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.run_record.comparison import FromBuild, Revision, Side
 from hiltest.run_record.outcomes import TestOutcome
-from hiltest.text import format_count
+from hiltest.text import format_count, id_without_repetition
 from hiltest.verdict.evidence import REAL, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value
@@ -128,7 +128,10 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
         is_baseline=True,
         builds=builds,
         in_force=in_force,
-        tests={seed: dict.fromkeys(baseline.passed, TestOutcome.PASSED) for seed in baseline.seeds},
+        tests={
+            seed: dict.fromkeys(map(id_without_repetition, baseline.passed), TestOutcome.PASSED)
+            for seed in baseline.seeds
+        },
     )
 
 

@@ -13,6 +13,7 @@ from hiltest.run_record.comparison import Side
 from hiltest.run_record.failures import failed_by_itself
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.run import Run
+from hiltest.text import id_without_repetition
 from hiltest.verdict.statistics import mean_value
 
 Seed = int | None
@@ -116,8 +117,16 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         run.chosen,
         failed_by_itself(run),
         in_force=_tolerances("tolerances", run.tolerances, name),
-        tests={run.seed: {test.id: test.outcome for test in run.tests}},  # the last attempt counts
+        tests={run.seed: _outcomes(run)},
     )
+
+
+def _outcomes(run: Run) -> dict[str, TestOutcome]:
+    """Return the outcome of each test: of attempts the last counts, of repetitions the worst."""
+    repetitions: dict[str, list[TestOutcome]] = {}
+    for test, outcome in {test.id: test.outcome for test in run.tests}.items():
+        repetitions.setdefault(id_without_repetition(test), []).append(outcome)
+    return {test: _worst_outcome(outcomes) for test, outcomes in repetitions.items()}
 
 
 def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:

@@ -8,7 +8,7 @@ from shlex import quote
 
 from hiltest.run_record.comparison import Change, Difference
 from hiltest.run_record.outcomes import TestOutcome
-from hiltest.text import short_test_id
+from hiltest.text import id_without_repetition, short_test_id
 from hiltest.verdict.evidence import NO_BOARD, REAL, Conditions, Evidence, Seed
 
 _NAMED_AT_MOST = 3
@@ -175,7 +175,10 @@ def _tests_broken_in_base(base: Evidence, new: Evidence, differences: Sequence[D
 def _broken_test_of(name: str, new: Evidence, broken: Mapping[Seed, Set[str]]) -> str:
     """Return the test that measured this now and broke off on its seed before; empty if none did."""
     for seed, measurements in new.measurements.items():
-        if name in measurements and (test := short_test_id(measurements[name].test)) in broken.get(seed, ()):
+        if name not in measurements:
+            continue
+        test = short_test_id(id_without_repetition(measurements[name].test))
+        if test in broken.get(seed, ()):
             return test
     return ""
 

@@ -98,7 +98,7 @@ def summarise(run: Run | Findings) -> Summary:
     results = calibrator_results(measurements)
     failed = out_of_limit(measurements)
     reference = cost_reference(run, results)
-    broken = tuple(failed_otherwise(run.tests, failed))
+    broken = tuple(failed_otherwise(run))
     tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
     named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}

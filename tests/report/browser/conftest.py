@@ -76,13 +76,13 @@ def visit(browser: Browser) -> Callable[..., AbstractContextManager[Visit]]:
     def opened(path: Path, *, width: int, scheme: str = "light") -> Iterator[Visit]:
         page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)  # type: ignore[arg-type]
         page.set_default_timeout(WAIT_MS)
-        found = Visit(page)
-        page.on("request", lambda request: found.requests.append(request.url))
-        page.on("console", lambda message: found.complaints.append(message.text))
-        page.on("pageerror", lambda error: found.complaints.append(str(error)))
+        result = Visit(page)
+        page.on("request", lambda request: result.requests.append(request.url))
+        page.on("console", lambda message: result.complaints.append(message.text))
+        page.on("pageerror", lambda error: result.complaints.append(str(error)))
         page.goto(path.as_uri())
         page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
-        yield found
+        yield result
         page.close()
 
     return opened
@@ -91,9 +91,9 @@ def visit(browser: Browser) -> Callable[..., AbstractContextManager[Visit]]:
 @pytest.fixture
 def everything(findings: Callable[..., Findings], good: list[Measurement]) -> Run:
     """A green run with all that a run can have, compared with a baseline."""
-    made = findings(*good, *stream_measurements(), *imu_measurements())
-    made.tables.update((each.name, each) for each in (poses_with_tilt(made), faces_table(), noise_table(), motion()))
-    return replace(finished(made), comparison=compared())
+    run = findings(*good, *stream_measurements(), *imu_measurements())
+    run.tables.update((item.name, item) for item in (poses_with_tilt(run), faces_table(), noise_table(), motion()))
+    return replace(finished(run), comparison=compared())
 
 
 @pytest.fixture
@@ -101,17 +101,17 @@ def red(everything: Run, heading: Callable[..., list[Measurement]], findings: Ca
     """Everything, out of its limits, and a comparison that could not be made."""
     bad = heading("direct", 6.3, limit=0.3, cycles=12_400)
     failed = TestResult("t.py::t", TestOutcome.FAILED, 1, reason="out of limit", trace="wire/t.log")
-    made = findings(*bad, tests=(failed,))
+    run = findings(*bad, tests=(failed,))
     blocked = Comparison(SIDE, SIDE, (), ("the base is of another rig; run on that one",), "Not judged.")
-    return replace(finished(made), comparison=blocked, tables=everything.tables)
+    return replace(finished(run), comparison=blocked, tables=everything.tables)
 
 
 @pytest.fixture
 def nothing(findings: Callable[..., Findings]) -> Run:
     """No board, no rig, no measurement."""
-    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
-    made.board = made.rig = None
-    return finished(made)
+    run = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
+    run.board = run.rig = None
+    return finished(run)
 
 
 @pytest.fixture
@@ -124,15 +124,15 @@ def cut_short(findings: Callable[..., Findings], good: list[Measurement]) -> Run
 @pytest.fixture
 def hostile(findings: Callable[..., Findings]) -> Run:
     """Names that would be markup, or would turn or hide what stands around them."""
-    made = findings(
+    run = findings(
         check(f"heading.{HOSTILE}.max", 1.0, unit=HOSTILE, limit=Limit(max=2)),
         check(HOSTILE, 1.0, unit="uT"),
         tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE, trace="javascript:alert(1)"),),
     )
-    assert made.board is not None
-    made.board = replace(made.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
-    made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(HOSTILE, "cycle")), ((20, 100), (40, 190)))
-    return finished(made)
+    assert run.board is not None
+    run.board = replace(run.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
+    run.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(HOSTILE, "cycle")), ((20, 100), (40, 190)))
+    return finished(run)
 
 
 @pytest.fixture(params=["everything", "red", "nothing", "cut_short", "hostile", "fit", "allan", "trend"])
@@ -156,17 +156,17 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 def runs() -> list[RunEntry]:
     """Return runs with steps, on two rigs, one of them with names that would be markup."""
     names = ("heading.direct.max", HOSTILE, "fit.direct.residual", "link.errors")
-    found = [
+    results = [
         entry(day, cycles(11_061 + 100 * (day > 4)), *(degrees(1.0 + 0.5 * (day > 6), name) for name in names))
         for day in range(1, 9)
     ]
     other = entry(9, cycles(90_000), rig="another", build=HOSTILE, file=HOSTILE)
     campaign = entry(10, seeds={seed: (cycles(11_000 + seed),) for seed in range(1, 5)})
-    return [*found, other, campaign]
+    return [*results, other, campaign]
 
 
-def finished(made: Findings) -> Run:
-    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+def finished(run: Findings) -> Run:
+    return run.finish(decide(run, pytest_exit=0), "2026-01-02T03:05:00Z")
 
 
 def stream_measurements() -> list[Measurement]:
@@ -191,8 +191,8 @@ def imu_measurements() -> list[Measurement]:
     return [check(name, value, unit=unit, limit=limit) for name, (value, unit, limit) in limited.items()]
 
 
-def poses_with_tilt(made: Findings) -> Table:
-    table = made.tables["heading.poses"]
+def poses_with_tilt(run: Findings) -> Table:
+    table = run.tables["heading.poses"]
     answered = [(0.99 * row[1], 1.01 * row[2]) for row in table.rows]  # type: ignore[operator]
     columns = (*table.columns, Column("answered_pitch", "deg"), Column("answered_roll", "deg"))
     rows = tuple((*row, *tilt) for row, tilt in zip(table.rows, answered, strict=True))

@@ -61,32 +61,34 @@ PAINTED = 8
 def faults(visit: Visit, path: Path) -> list[str]:
     """Return what a reader would meet: complaints, requests, and what has to be scrolled to sideways."""
     asked = [address for address in visit.requests if address != path.as_uri()]
-    found = [f"complaint: {complaint}" for complaint in visit.complaints] + [f"request: {each}" for each in asked]
+    result = [f"complaint: {complaint}" for complaint in visit.complaints] + [
+        f"request: {request}" for request in asked
+    ]
     if visit.page.evaluate("document.documentElement.scrollWidth > innerWidth"):
-        found.append("the page scrolls sideways")
-    return found + [f"too wide: {each}" for each in visit.page.evaluate(_TOO_WIDE)]
+        result.append("the page scrolls sideways")
+    return result + [f"too wide: {item}" for item in visit.page.evaluate(_TOO_WIDE)]
 
 
 def violations(page: Page) -> list[str]:
     """Return what axe-core finds, all of its rules switched on."""
     from axe_playwright_python.sync_playwright import Axe
 
-    found: list[dict[str, Any]] = Axe().run(page).response["violations"]
-    return [f"{each['id']}: {each['nodes'][0]['html'][:120]}" for each in found]
+    result: list[dict[str, Any]] = Axe().run(page).response["violations"]
+    return [f"{item['id']}: {item['nodes'][0]['html'][:120]}" for item in result]
 
 
 @WIDTHS
 def test_nothing_complains_nothing_is_asked_for_and_nothing_is_too_wide(
     visit: Open, page_file: Path, width: int
 ) -> None:
-    with visit(page_file, width=width) as here:
-        assert faults(here, page_file) == []
+    with visit(page_file, width=width) as place:
+        assert faults(place, page_file) == []
 
 
 @ON_A_DESK
 def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_file: Path, width: int) -> None:
-    with visit(page_file, width=width) as here:
-        plots = here.page.locator("svg[role=img]").all()
+    with visit(page_file, width=width) as place:
+        plots = place.page.locator("svg[role=img]").all()
         assert bool(plots) is (page_file.stem != "nothing")
         for plot in plots:
             box = plot.bounding_box()
@@ -103,8 +105,8 @@ def test_axe_finds_nothing(
     visit: Open, page_file: Path, width: int, scheme: str, require_module: Callable[[str], None]
 ) -> None:
     require_module("axe_playwright_python")
-    with visit(page_file, width=width, scheme=scheme) as here:
-        assert violations(here.page) == []
+    with visit(page_file, width=width, scheme=scheme) as place:
+        assert violations(place.page) == []
 
 
 def test_the_checks_see_what_they_look_for(
@@ -116,20 +118,20 @@ def test_the_checks_see_what_they_look_for(
         "<!doctype html><title>t</title><p style='width:2000px'>wide</p><img src='other.png'>"
         "<script>console.error('no')</script><svg role='img' width='300' height='300'></svg>"
     )
-    with visit(path, width=390) as here:
-        found = faults(here, path)
+    with visit(path, width=390) as place:
+        result = faults(place, path)
         for fault in ("complaint: no", "request: file:", "the page scrolls sideways", "too wide: P wide"):
-            assert any(each.startswith(fault) for each in found), fault
-        assert colours_in(canvas, here.page.locator("svg").screenshot()) < PAINTED
-        assert {each.split(":")[0] for each in violations(here.page)} >= {"html-has-lang", "image-alt", "svg-img-alt"}
+            assert any(item.startswith(fault) for item in result), fault
+        assert colours_in(canvas, place.page.locator("svg").screenshot()) < PAINTED
+        assert {item.split(":")[0] for item in violations(place.page)} >= {"html-has-lang", "image-alt", "svg-img-alt"}
 
 
 def test_the_keyboard_reaches_the_results_and_every_box_that_scrolls(
     everything: Run, visit: Open, tmp_path: Path
 ) -> None:
     path = written(everything, tmp_path)
-    with visit(path, width=390) as here:
-        page = here.page
+    with visit(path, width=390) as place:
+        page = place.page
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.className") == "skip"
         assert page.locator(".skip").bounding_box()["x"] >= 0  # type: ignore[index]
@@ -141,7 +143,7 @@ def test_the_keyboard_reaches_the_results_and_every_box_that_scrolls(
             " && getComputedStyle(each).overflowX == 'auto').map(each => [each.className, each.tabIndex])"
         )
         assert wide
-        assert all(each == ["scroll", 0] for each in wide)
+        assert all(item == ["scroll", 0] for item in wide)
 
 
 def test_on_paper_everything_is_unfolded_and_dark_on_light(browser: Browser, everything: Run, tmp_path: Path) -> None:
@@ -164,22 +166,22 @@ def test_on_paper_everything_is_unfolded_and_dark_on_light(browser: Browser, eve
 
 def test_markup_in_names_does_nothing_and_is_read(hostile: Run, visit: Open, tmp_path: Path) -> None:
     path = written(hostile, tmp_path)
-    with visit(path, width=1400) as here:
-        assert here.page.title().startswith("hiltest report: <script>document.title='taken'</script>")
-        assert here.page.title().endswith(", rig virtual-k64f, FAIL")
+    with visit(path, width=1400) as place:
+        assert place.page.title().startswith("hiltest report: <script>document.title='taken'</script>")
+        assert place.page.title().endswith(", rig virtual-k64f, FAIL")
         # Were something in it a script after all, or asked for a picture, the page's own policy would refuse.
         asked = "new Promise(tell => {const i = new Image(); i.onerror = i.onload = () => tell(i.naturalWidth);"
-        assert here.page.evaluate(asked + "i.src = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA='})") == 0
-        assert any("Content Security Policy" in complaint for complaint in here.complaints)
-        assert here.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
-        assert here.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
+        assert place.page.evaluate(asked + "i.src = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAA='})") == 0
+        assert any("Content Security Policy" in complaint for complaint in place.complaints)
+        assert place.page.locator("body").inner_text().count("<script>document.title='taken'</script>\"'⟨U+202E⟩") >= 5
+        assert place.page.locator("a", has_text="wire trace").evaluate("each => each.protocol") == "file:"
 
 
 @WIDTHS
 @pytest.mark.parametrize("page_file", ["everything", "fit"], indirect=True)
 def test_calibrated_samples_have_equal_axes_and_a_round_circle(visit: Open, page_file: Path, width: int) -> None:
-    with visit(page_file, width=width) as here:
-        drawn = here.page.evaluate(_UNIT_CIRCLES)
+    with visit(page_file, width=width) as place:
+        drawn = place.page.evaluate(_UNIT_CIRCLES)
     assert drawn
     for across, up, circle in drawn:
         # Coordinates are written to a tenth: 0.05 px at both ends of two units of 46 px is a quarter of this.
@@ -189,8 +191,8 @@ def test_calibrated_samples_have_equal_axes_and_a_round_circle(visit: Open, page
 
 @pytest.mark.parametrize("page_file", ["everything", "red", "trend"], indirect=True)
 def test_cards_and_rows_of_panels_are_full_on_a_desk(visit: Open, page_file: Path) -> None:
-    with visit(page_file, width=1400) as here:
-        cards, grids = here.page.evaluate(_CARDS), here.page.evaluate(_PANELS)
+    with visit(page_file, width=1400) as place:
+        cards, grids = place.page.evaluate(_CARDS), place.page.evaluate(_PANELS)
     assert cards
     assert set(cards) == {1120}, "each card is as wide as the page"
     # Two or three stand beside each other, more in rows; the last row is half full at least.

@@ -54,26 +54,26 @@ def keep_record(folder: Path, value: float, witness: str = "", *, finish: bool =
         journal.release()
 
 
-def note(folder: Path, what: str, test: str) -> None:
+def note(folder: Path, case: str, test: str) -> None:
     """Tell what was done, past the limit on the size of files: appended to a file of its own by one write."""
-    if what:
-        out = os.open(folder.with_suffix(f".{what}"), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    if case:
+        out = os.open(folder.with_suffix(f".{case}"), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         os.write(out, f"{test}\n".encode())
         os.close(out)
 
 
 def die_at_line(step: int) -> None:
-    left = step
+    remainder = step
 
     def trace(frame: FrameType, event: str, _argument: Any) -> Any:
-        nonlocal left
+        nonlocal remainder
         code = frame.f_code
         writes = os.path.basename(code.co_filename) in WRITERS and code.co_name != "describe_host"
         if not (writes or code.co_name in WRITING):
             return None
         if event == "line":
-            left -= 1
-            if left < 0:
+            remainder -= 1
+            if remainder < 0:
                 os.kill(os.getpid(), signal.SIGKILL)
         return trace
 

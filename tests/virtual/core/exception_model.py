@@ -197,7 +197,7 @@ class Nvic:
 
     def most_urgent(self) -> int:
         """Return the exception that comes first, or 0."""
-        ready = [each for each in self.pending if each < FIRST_INTERRUPT or each in self.enabled]
+        ready = [number for number in self.pending if number < FIRST_INTERRUPT or number in self.enabled]
         return min(ready, key=lambda exception: (self._order(exception), exception), default=0)
 
     def next_exception(self, ceiling: int) -> int:
@@ -314,12 +314,12 @@ class Model:
     def take_fault(self, fault: Fault) -> int:
         """Take a fault to its handler; return the exception that was entered."""
         priority = self.nvic.execution_priority(self.ceiling)
-        wanted = handler = KINDS[fault.kind][0]
-        if wanted not in self.fault_handlers or self.nvic.preemption_priority(wanted) >= priority:
+        expected = handler = KINDS[fault.kind][0]
+        if expected not in self.fault_handlers or self.nvic.preemption_priority(expected) >= priority:
             if priority <= -1:
                 raise Lockup
             handler = HARD_FAULT
-        self._record(fault, forced=handler != wanted)
+        self._record(fault, forced=handler != expected)
         again = self._enter(handler)
         if again is None:
             return handler

@@ -93,8 +93,8 @@ class Trial:
 def _trial(first: int, second: int, in_it_block: bool) -> Trial:
     decoded = decode(ADDRESS, first, second, IT_ALWAYS if in_it_block else 0)
     code = struct.pack("<2H", first, second)[: decoded.size]
-    (known,) = capstone_oracle.decode(ADDRESS, code, int(in_it_block))
-    return Trial(first, second, in_it_block, decoded, None if known.text == ".unknown" else known)
+    (reference,) = capstone_oracle.decode(ADDRESS, code, int(in_it_block))
+    return Trial(first, second, in_it_block, decoded, None if reference.text == ".unknown" else reference)
 
 
 def _trials(of_each: int, pairs: int) -> Iterable[Trial]:

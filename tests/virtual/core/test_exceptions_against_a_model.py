@@ -239,7 +239,7 @@ class Pair:
     def set_up(self) -> None:
         """Set VTOR, and what SHCSR and CCR enable."""
         choose, model, core = self.random, self.model, self.core
-        model.fault_handlers = {each for each in (MEM_MANAGE, BUS_FAULT, USAGE_FAULT) if choose.random() < 0.6}
+        model.fault_handlers = {item for item in (MEM_MANAGE, BUS_FAULT, USAGE_FAULT) if choose.random() < 0.6}
         core.fault_enabled = sum(1 << handler for handler in model.fault_handlers)
         model.base_thread_enabled = core.base_thread_enabled = choose.random() < 0.3
         model.vector_table = core.vector_table = choose.choice(TABLES)

@@ -142,9 +142,9 @@ def trials(of_each: int, pairs: int) -> Iterator[tuple[str, bytes, Any, Any]]:
 def test_readers_of_code_are_told_what_capstone_says(of_each: int, pairs: int) -> None:
     differences: dict[str, str] = {}
     for text, code, fields, described in trials(of_each, pairs):
-        told = expected(text, fields.core_writes, bool(fields.in_it_block))
-        told |= {"address": ADDRESS, "size": len(code), "writes": fields.core_writes}
-        for field, value in told.items():
+        answer = expected(text, fields.core_writes, bool(fields.in_it_block))
+        answer |= {"address": ADDRESS, "size": len(code), "writes": fields.core_writes}
+        for field, value in answer.items():
             decoded = getattr(described, field)
             if decoded != value:
                 place = f"{field} of {operation_name(fields)}"

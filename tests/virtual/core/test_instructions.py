@@ -268,8 +268,8 @@ def random_states(chance: np.random.Generator, count: int) -> Words:
 
 def random_it_states(chance: np.random.Generator, count: int) -> Words:
     """Return values of ITSTATE: outside a block, or before the last instruction of one or the last but one."""
-    left = chance.choice([0, 0, 0, 4, 8], count)
-    return np.where(left, chance.integers(0, 14, count) << 4 | left, 0).astype(np.uint32)
+    choice = chance.choice([0, 0, 0, 4, 8], count)
+    return np.where(choice, chance.integers(0, 14, count) << 4 | choice, 0).astype(np.uint32)
 
 
 def code_of(bits: int, size: int) -> bytes:
@@ -418,16 +418,16 @@ def pool() -> list[tuple[int, int]]:
 
 def random_sequence(chance: np.random.Generator) -> bytes:
     """Return random instructions, some in IT blocks of up to four."""
-    code, left = b"", 0
+    code, remainder = b"", 0
     for index, in_block in zip(chance.integers(0, len(pool()), LENGTH), chance.random(LENGTH) < 1 / 10, strict=True):
-        if in_block and not left:
-            left = int(chance.integers(1, 5))
-            mask = (int(chance.integers(0, 8)) << 1 | 1) << (4 - left) & 0xF
+        if in_block and not remainder:
+            remainder = int(chance.integers(1, 5))
+            mask = (int(chance.integers(0, 8)) << 1 | 1) << (4 - remainder) & 0xF
             code += code_of(IT | int(chance.integers(0, 14)) << 4 | mask, 2)
         bits, size = pool()[index]
         code += code_of(bits, size)
-        left = max(left - 1, 0)
-    return code + code_of(NOP, 2) * left
+        remainder = max(remainder - 1, 0)
+    return code + code_of(NOP, 2) * remainder
 
 
 def compare_sequences(count: int) -> tuple[int, list[str]]:

@@ -56,13 +56,13 @@ def test_the_library_needs_only_the_c_library() -> None:
 
 def test_a_machine_that_outlives_the_library_is_destroyed_all_the_same() -> None:
     # When Python ends, the order in which it drops modules and machines is anybody's guess.
-    made = (
+    result = (
         "from hiltest.virtual.core.library import ffi, lib\n"
         "machine = ffi.gc(lib.machine_create(False), lib.machine_destroy)\n"
         "ffi.dlclose(lib)\n"
         "del machine\n"
     )
-    assert imported_by(made).returncode == 0
+    assert imported_by(result).returncode == 0
 
 
 def test_the_library_is_stripped() -> None:

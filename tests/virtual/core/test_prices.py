@@ -112,7 +112,7 @@ def balanced(codes: Sequence[bytes]) -> list[bytes]:
 def split(binary: Path) -> list[bytes]:
     """Return the bytes of each instruction of some code."""
     code = binary.read_bytes()
-    return [code[each.address :][: each.size] for each in decode(0, code)]
+    return [code[item.address :][: item.size] for item in decode(0, code)]
 
 
 @cache
@@ -173,11 +173,11 @@ def priced_in_python(
     profile: timing.TimingProfile, instruction: Instruction, goes: str, state: pipeline.PipelineState
 ) -> tuple[int, pipeline.PipelineState]:
     model = PriceModel(profile)
-    seen = instruction.skipped() if goes == "skipped" and model.prices_skipped else instruction
-    cycles, left = model.step(seen, state)
+    observed = instruction.skipped() if goes == "skipped" and model.prices_skipped else instruction
+    cycles, remainder = model.step(observed, state)
     if goes == "away":
         return cycles + model.taken(instruction), pipeline.REACHED[model.reached(instruction)]
-    return cycles, left
+    return cycles, remainder
 
 
 def priced_in_c(prices: Any, instruction: Instruction, goes: str, state: Any) -> int:
@@ -205,9 +205,9 @@ def assert_alike(profile: timing.TimingProfile, codes: Sequence[bytes], steps: S
         goes = "on" if step.goes == "away" and not instruction.transfer else step.goes
         expected, state = priced_in_python(profile, instruction, goes, state)
         counted = priced_in_c(prices, instruction, goes, state_c)
-        told = f"instruction {place}: {instruction.text} at 0x{instruction.address:x} goes {goes}, {state}"
-        assert counted == expected, told
-        assert in_bytes(state_c) == in_bytes(state_in_c(state)), told
+        text = f"instruction {place}: {instruction.text} at 0x{instruction.address:x} goes {goes}, {state}"
+        assert counted == expected, text
+        assert in_bytes(state_c) == in_bytes(state_in_c(state)), text
 
 
 def profile_of(values: Mapping[str, int]) -> timing.TimingProfile:

@@ -128,12 +128,12 @@ def test_a_machine_goes_on_from_a_snapshot_as_it_did_before(seed: int, lengths: 
 @settings(max_examples=40)
 def test_any_of_several_snapshots_is_what_was_there(seed: int, steps: list[int], data: st.DataObject) -> None:
     program = Program(seed)
-    taken = []
+    selection = []
     for step in steps:
         program.run(step)
-        taken.append((program.machine.snapshot(), program.state()))
+        selection.append((program.machine.snapshot(), program.state()))
     for _ in range(6):
-        snapshot, state = data.draw(st.sampled_from(taken))
+        snapshot, state = data.draw(st.sampled_from(selection))
         program.machine.restore(snapshot)
         assert program.state() == state
         program.run(data.draw(st.integers(0, 60)))
@@ -197,13 +197,13 @@ def test_a_snapshot_inside_an_access_stands_before_the_instruction() -> None:
     program = Program()
     # ldr r1, [r0, #4]: the pipeline is loading; ldr r2, [r3]; adds r2, r2, #1; b .
     program.write(CODE, bytes.fromhex("4168 1a68 5218 fee7"))
-    taken: list[Any] = []
+    selection: list[Any] = []
 
     def read(address: int, _size: int) -> int:
-        if address == DEVICE and not taken:
-            taken.append(program.machine.snapshot())
+        if address == DEVICE and not selection:
+            selection.append(program.machine.snapshot())
             with pytest.raises(ConfigError, match="an instruction is under way"):
-                program.machine.restore(taken[0])
+                program.machine.restore(selection[0])
         return 7
 
     program.machine.connect(read, lambda *_: None, program.raise_again)
@@ -211,7 +211,7 @@ def test_a_snapshot_inside_an_access_stands_before_the_instruction() -> None:
     program.core.r[0], program.core.r[3] = RAM, DEVICE
     assert lib.machine_run(program.machine.handle) == lib.STOP_LOOP
     end = program.state()
-    program.machine.restore(taken[0])
+    program.machine.restore(selection[0])
     assert program.core.r[15] == CODE + 2
     assert lib.machine_run(program.machine.handle) == lib.STOP_LOOP
     assert program.state() == end
@@ -226,11 +226,11 @@ def resident_bytes() -> int:
 def test_snapshots_share_the_pages_that_are_alike() -> None:
     program = Program()
     program.write(FLASH, bytes(range(256)) * (FLASH_BYTES // 256))
-    taken = [program.machine.snapshot()]
+    snapshot = [program.machine.snapshot()]
     before = resident_bytes()
     for number in range(400):
         program.write(RAM + number % 3 * PAGE, bytes([number % 256]))
-        taken.append(program.machine.snapshot())
+        snapshot.append(program.machine.snapshot())
     assert resident_bytes() - before < 400 * 4 * PAGE
-    program.machine.restore(taken[100])
+    program.machine.restore(snapshot[100])
     assert program.read(RAM + PAGE, 1) == bytes([97])

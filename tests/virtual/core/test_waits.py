@@ -75,10 +75,10 @@ class Course:
     def fetch(self) -> tuple[str, int, int]:
         size = self.chance.choice((2, 2, 4))
         waits = [model.fetch(self.code, size, self.cycle) for model in (self.old, self.new)]
-        told = f"fetch of {size} bytes at 0x{self.code:x}, cycle {self.cycle}"
+        text = f"fetch of {size} bytes at 0x{self.code:x}, cycle {self.cycle}"
         self.code += size
         self.cycle += waits[0]
-        return told, waits[0], waits[1]
+        return text, waits[0], waits[1]
 
     def access(self) -> tuple[str, int, int]:
         size = self.chance.choice((1, 2, 4, 4, 8))
@@ -88,9 +88,9 @@ class Course:
             model.access(self.code, words, is_first=self.first, address=address, size=size, cycle=self.cycle)
             for model in (self.old, self.new)
         ]
-        told = f"access to {size} bytes at 0x{address:x} by {words} words at 0x{self.code:x}, cycle {self.cycle}"
+        text = f"access to {size} bytes at 0x{address:x} by {words} words at 0x{self.code:x}, cycle {self.cycle}"
         self.cycle += waits[0]
-        return told, waits[0], waits[1]
+        return text, waits[0], waits[1]
 
     def jump(self) -> None:
         places = PLACES[:FLASH_PLACES] if self.chance.random() < 0.8 else PLACES[:-2]
@@ -115,8 +115,8 @@ class Course:
 
 
 def assert_alike(values: Mapping[str, int], chance: random.Random) -> None:
-    for place, (told, expected, counted) in enumerate(Course(values, chance).go()):
-        assert counted == expected, f"step {place}: {told}"
+    for place, (answer, expected, counted) in enumerate(Course(values, chance).go()):
+        assert counted == expected, f"step {place}: {answer}"
 
 
 def shipped_values(name: str) -> dict[str, int]:
