@@ -19,8 +19,8 @@ from hiltest.run_record.files import write_atomically
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Environment, Run
 from hiltest.run_record.run_json import to_json
-from hiltest.studies.run import run_study
 from hiltest.studies.study import Conditions, Plan, study_of
+from hiltest.studies.study_run import run_study
 
 FOLDER = Path(__file__).with_suffix("")
 

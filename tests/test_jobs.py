@@ -25,8 +25,8 @@ from hiltest.errors import ConfigError, SchedulerError
 from hiltest.run_record.files import RUN_FILE
 from hiltest.run_record.reader import read_record
 from hiltest.studies import jobs
-from hiltest.studies.run import BLOCKS_FILE, run_study
 from hiltest.studies.study import Plan
+from hiltest.studies.study_run import BLOCKS_FILE, run_study
 
 ENOUGH_S = 120.0  # for what takes seconds where nothing else runs
 PLAN = Plan("ellipsoids", 3, 60, 20)

@@ -44,7 +44,7 @@ def test_the_help_of_every_command_imports_nothing_heavy(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("words", "completed"), [("hiltest wo", "worst"), ("hiltest fit --sh", "--shape"), ("hiltest study bu", "budget")]
+    ("words", "completed"), [("hiltest tim", "timing"), ("hiltest fit --sh", "--shape"), ("hiltest study bu", "budget")]
 )
 def test_shell_completion_imports_nothing_heavy(tmp_path: Path, words: str, completed: str) -> None:
     program = f"{TELLING}\nfrom hiltest.commands.cli import main\nmain()"

@@ -59,7 +59,7 @@ from hiltest.procedures.reported_headings import (
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import DEFAULT_RIG, shipped
 from hiltest.rig.rig_file import load_rig
-from hiltest.session.session import SESSION
+from hiltest.session.bench_session import SESSION
 from hiltest.session.settings import Settings, resolve
 from hiltest.world import EarthField
 

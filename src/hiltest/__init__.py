@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hiltest.exports import when_used
+from hiltest.lazy_exports import when_used
 
 if TYPE_CHECKING:
     from hiltest.boards import Board

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from hiltest.campaigns.gate import NOT_EVALUATED
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.session import hookspecs
+from hiltest.session.bench_session import SESSION, HilSession
 from hiltest.session.fixtures import (
     benchmark_cycles,
     board,
@@ -26,6 +26,7 @@ from hiltest.session.fixtures import (
     rig,
     turntable,
 )
+from hiltest.session.gate import NOT_EVALUATED
 from hiltest.session.plain_imports import import_plainly
 from hiltest.session.results import (
     CAUSE,
@@ -43,7 +44,6 @@ from hiltest.session.results import (
     unpack,
 )
 from hiltest.session.selection import MARKER, leave_out_full, only_looks, uses_board, uses_hiltest
-from hiltest.session.session import SESSION, HilSession
 from hiltest.session.settings import add_options, resolve
 
 __all__ = [

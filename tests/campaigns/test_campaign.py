@@ -15,12 +15,12 @@ from pathlib import Path
 import pytest
 
 from hiltest.campaigns.campaign import SeedResult, campaign_exit_code, campaign_sentence, spreads_of
-from hiltest.campaigns.folders import LOCK_FILE, remove_run, sole_command
 from hiltest.commands.cli import commands
 from hiltest.errors import ConfigError
 from hiltest.measurement import Better, Limit, Tolerance, check
 from hiltest.run_record.comparison import Change, Comparison, Difference, Side
 from hiltest.run_record.journal import JOURNAL_FILE, Journal
+from hiltest.session.record_folder import LOCK_FILE, remove_run, sole_command
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.verdict.wording import sentence as comparison_sentence
 

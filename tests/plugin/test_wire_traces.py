@@ -14,8 +14,8 @@ import pytest
 # As in conftest.py: numpy and what is built on it cannot be imported twice in one process.
 import hiltest.boards
 import hiltest.link.trace_text  # noqa: F401
-from hiltest.campaigns.wire_traces import file_name
 from hiltest.link.transcript import Direction, Transcript
+from hiltest.session.wire_traces import file_name
 
 HEAD = """
 import pytest

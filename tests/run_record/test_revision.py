@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.campaigns.older_firmware import older_options
 from hiltest.measurement import Measurement
 from hiltest.report.comparison_overview import sides
 from hiltest.report.markdown import markdown_report
@@ -21,6 +20,7 @@ from hiltest.run_record.recorder import Recorder
 from hiltest.run_record.revision import revision_of
 from hiltest.run_record.run import Findings, Run, Verdict
 from hiltest.run_record.run_json import to_json
+from hiltest.session.older_firmware import older_options
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import evidence_of, evidence_of_seeds
 from hiltest.verdict.wording import revision

@@ -24,8 +24,8 @@ from hiltest.run_record.reader import read_record
 from hiltest.studies import NAMES
 from hiltest.studies.ellipsoids import NOISE_UT, interval
 from hiltest.studies.instances import Model, non_ellipsoids
-from hiltest.studies.run import BLOCKS_FILE, run_study
 from hiltest.studies.study import Conditions, Plan, blocks_of, measure_block, study_of
+from hiltest.studies.study_run import BLOCKS_FILE, run_study
 
 PLAN = Plan("ellipsoids", 3, 60, 20)
 

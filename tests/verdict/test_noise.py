@@ -14,7 +14,7 @@ from hiltest.run_record.comparison import Change, Comparison
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import REAL, Evidence
-from hiltest.verdict.noise import (
+from hiltest.verdict.run_noise import (
     FALSE_ALARMS,
     Noise,
     chance_seen,

@@ -9,7 +9,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hiltest.campaigns.folders import sole_command
 from hiltest.campaigns.judged_commit import (
     Bisection,
     Found,
@@ -20,11 +19,12 @@ from hiltest.campaigns.judged_commit import (
     judge,
     judged_commits,
 )
-from hiltest.campaigns.older_firmware import last_words
 from hiltest.campaigns.sent_bench import digest_of_bench
 from hiltest.errors import ConfigError, HiltestError
 from hiltest.run_record.comparison import Comparison
 from hiltest.run_record.exit_codes import ExitCode
+from hiltest.session.older_firmware import last_words
+from hiltest.session.record_folder import sole_command
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence
 

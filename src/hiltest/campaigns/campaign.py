@@ -14,17 +14,6 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from hiltest.boards.bench import packaged_build_id
-from hiltest.campaigns.folders import remove_record_in
-from hiltest.campaigns.gate import PACKAGED, Gate, read_gate
-from hiltest.campaigns.older_firmware import (
-    UNCOVERED,
-    UNJUDGED,
-    coverage_in,
-    last_words,
-    older_options,
-    remove_runs,
-    run_command,
-)
 from hiltest.campaigns.sent_bench import run_there, sent_bench
 from hiltest.errors import ConfigError, SchedulerError
 from hiltest.json_files import json_text
@@ -48,6 +37,16 @@ from hiltest.run_record.files import (
 )
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import CoverageRecord, Run, Verdict
+from hiltest.session.gate import PACKAGED, Gate, read_gate
+from hiltest.session.older_firmware import (
+    UNCOVERED,
+    UNJUDGED,
+    coverage_in,
+    last_words,
+    older_options,
+    run_command,
+)
+from hiltest.session.record_folder import remove_record_in, remove_runs
 from hiltest.session.settings import make_folder, run_options
 from hiltest.studies.jobs import each_done
 from hiltest.text import join_words

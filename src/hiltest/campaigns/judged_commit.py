@@ -22,13 +22,13 @@ from pathlib import Path
 
 import click
 
-from hiltest.campaigns.older_firmware import UNCOVERED, UNJUDGED, last_words, run_command
 from hiltest.errors import ConfigError, HiltestError, nearest_hint
 from hiltest.json_files import adapter, json_line, json_text, read_as
 from hiltest.report.comparison_text import printable
 from hiltest.run_record.comparison import Answer, Change, Comparison, Difference
 from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.reader import read_record
+from hiltest.session.older_firmware import UNCOVERED, UNJUDGED, last_words, run_command
 from hiltest.text import join_words
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence

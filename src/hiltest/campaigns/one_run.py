@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from hiltest.campaigns.folders import folder_beside_complete, folder_remark
-from hiltest.campaigns.older_firmware import OlderFirmware
 from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import suites
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.run_record.run import Run
+from hiltest.session.bench_session import SESSION
+from hiltest.session.older_firmware import OlderFirmware
+from hiltest.session.record_folder import folder_beside_complete, folder_remark
 from hiltest.session.selection import Choice, only_looks
-from hiltest.session.session import SESSION
 from hiltest.session.settings import RUN_COMMAND
 
 _JUNIT_FILE = "junit.xml"

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hiltest import __version__
-from hiltest.campaigns.older_firmware import coverage_in, last_words, run_command
 from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import rig_file
 from hiltest.rig.rig_file import load_rig
 from hiltest.run_record.files import RUN_FILE
+from hiltest.session.older_firmware import coverage_in, last_words, run_command
 from hiltest.session.settings import OPTIONS
 
 LARGEST_BYTES = 256 << 20

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 
-from hiltest.campaigns.older_firmware import last_words, run_command
 from hiltest.errors import ConfigError
 from hiltest.json_files import json_text
 from hiltest.measurement import Measurement, identify, round_significant
@@ -24,6 +23,7 @@ from hiltest.run_record.exit_codes import WORDS, ExitCode
 from hiltest.run_record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run, Verdict
+from hiltest.session.older_firmware import last_words, run_command
 from hiltest.session.settings import make_folder
 from hiltest.studies.jobs import each_done
 from hiltest.text import join_words

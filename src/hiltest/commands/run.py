@@ -114,10 +114,10 @@ def _run(
     **arguments: Any,
 ) -> tuple[int, Path | None]:
     """Run the suites, and return the exit code and the file with the record; None without one."""
-    from hiltest.campaigns.folders import sole_command
-    from hiltest.campaigns.older_firmware import OlderFirmware, base_of_environment
     from hiltest.campaigns.one_run import check_against, run_suites
     from hiltest.run_record.files import BOARDS_FILE, OLDER_FOLDER, SEEDS_FILE
+    from hiltest.session.older_firmware import OlderFirmware, base_of_environment
+    from hiltest.session.record_folder import sole_command
 
     check_environment()
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None

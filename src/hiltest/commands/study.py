@@ -126,9 +126,9 @@ def study(
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
-    from hiltest.studies.run import run_study
     from hiltest.studies.study import Plan, study_of
     from hiltest.studies.study_page import PAGE_FILE, Studied, StudiedFigure, printed_rows
+    from hiltest.studies.study_run import run_study
 
     chosen = study_of(name)
     plan = Plan(name, seed, instances or chosen.instances, points or chosen.points)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hiltest.exports import when_used
+from hiltest.lazy_exports import when_used
 
 if TYPE_CHECKING:
     from hiltest.report.markdown import markdown_report

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hiltest.session.bench_session import SESSION
 from hiltest.session.benchmark_tables import (
     CORE_CLOCK_HZ,
     CYCLE_MODEL,
@@ -26,14 +27,13 @@ from hiltest.session.benchmark_tables import (
     split_by_cycle_model,
 )
 from hiltest.session.selection import is_benchmark, uses_board
-from hiltest.session.session import SESSION
 
 if TYPE_CHECKING:
     from pytest_benchmark.fixture import BenchmarkFixture
 
     from hiltest.measurement import Counted
     from hiltest.run_record.run import BoardRecord
-    from hiltest.session.session import HilSession
+    from hiltest.session.bench_session import HilSession
 
 _BOARD = "board"
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 import hiltest
+from hiltest.session.bench_session import SESSION, HilSession
 from hiltest.session.operator_prompt import ask
 from hiltest.session.results import FOUND, Found
 from hiltest.session.selection import place_in_record
-from hiltest.session.session import SESSION, HilSession
 from hiltest.session.settings import Settings
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from hiltest.errors import BenchError, ConfigError, ProtocolError
 from hiltest.session.progress_line import progress_of
 
 if TYPE_CHECKING:
-    from hiltest.session.session import HilSession
+    from hiltest.session.bench_session import HilSession
 
 
 def open_flashed(hil: HilSession) -> list[str]:

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.campaigns.gate import NOT_EVALUATED
-from hiltest.campaigns.older_firmware import remove_runs
 from hiltest.errors import ConfigError
 from hiltest.rig.rig import conditions_sha256
 from hiltest.run_record.files import MARKDOWN_FILE, OLDER_FOLDER, write_asked_for
@@ -26,6 +24,9 @@ from hiltest.run_record.run import (
     TestResult,
 )
 from hiltest.run_record.run_json import part_from
+from hiltest.session.bench_session import HilSession
+from hiltest.session.gate import NOT_EVALUATED
+from hiltest.session.record_folder import remove_runs
 from hiltest.session.results import (
     BENCH,
     FOUND_HERE,
@@ -35,7 +36,6 @@ from hiltest.session.results import (
     TestLog,
     out_of_limit_in_words,
 )
-from hiltest.session.session import HilSession
 
 if TYPE_CHECKING:
     from hiltest.boards import Board

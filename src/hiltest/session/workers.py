@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
 
-from hiltest.campaigns.folders import RecordFolder
+from hiltest.session.bench_session import HilSession
+from hiltest.session.record_folder import RecordFolder
 from hiltest.session.results import BENCH, Found, pack, plain_data, unpack
 from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
-from hiltest.session.session import HilSession
 
 if TYPE_CHECKING:
     from hiltest.session.recording import Recording

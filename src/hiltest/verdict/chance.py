@@ -18,8 +18,8 @@ from hiltest.measurement import (
     tolerance_of,
 )
 from hiltest.verdict.evidence import REAL
-from hiltest.verdict.noise import FALSE_ALARMS, Noise, half_width, paired, smallest_seen, unpaired
 from hiltest.verdict.pairs import Pairs, values_of
+from hiltest.verdict.run_noise import FALSE_ALARMS, Noise, half_width, paired, smallest_seen, unpaired
 from hiltest.verdict.statistics import LARGEST
 
 

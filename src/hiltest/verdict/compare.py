@@ -14,9 +14,9 @@ from hiltest.text import hundredths
 from hiltest.verdict.chance import Chance, chance_of
 from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run, evidence_of
-from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.pairs import Pairs, number_of
+from hiltest.verdict.run_noise import FALSE_ALARMS
 from hiltest.verdict.wording import entry, format_seeds, sentence
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]

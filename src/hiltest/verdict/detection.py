@@ -12,8 +12,8 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import Better, better_of, deviation_of, identify, is_compared, is_direction, tolerance_of
 from hiltest.text import legible
 from hiltest.verdict.evidence import REAL, Evidence
-from hiltest.verdict.noise import FALSE_ALARMS, deviation_of_runs, runs_a_side, seeds_needed
 from hiltest.verdict.pairs import number_of
+from hiltest.verdict.run_noise import FALSE_ALARMS, deviation_of_runs, runs_a_side, seeds_needed
 
 _SIZE = re.compile(r"([0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]{1,3})?|\.[0-9]+)\s*(\D.*)", re.ASCII)
 _SHOWN_AT_MOST = 40

@@ -21,8 +21,8 @@ from hiltest.measurement import (
 from hiltest.run_record.comparison import Change, Difference
 from hiltest.verdict.chance import Chance, chance_of, changes_of, flash_tolerance, moves
 from hiltest.verdict.evidence import Seed
-from hiltest.verdict.noise import FALSE_ALARMS, mean_interval, paired
 from hiltest.verdict.pairs import Pairs, has_number, is_out, values_of
+from hiltest.verdict.run_noise import FALSE_ALARMS, mean_interval, paired
 from hiltest.verdict.statistics import LARGEST, mean_value, moved_alone
 from hiltest.verdict.wording import format_seeds, held_to
 

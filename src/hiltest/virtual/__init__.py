@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hiltest.exports import when_used
+from hiltest.lazy_exports import when_used
 
 if TYPE_CHECKING:
     from hiltest.virtual.board.cortex_m4 import VirtualCortexM4

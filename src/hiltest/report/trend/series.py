@@ -13,8 +13,8 @@ from hiltest.verdict.chance import chance_of
 from hiltest.verdict.compare import add_accuracy
 from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import Evidence, Seed
-from hiltest.verdict.noise import FALSE_ALARMS
 from hiltest.verdict.pairs import Pairs
+from hiltest.verdict.run_noise import FALSE_ALARMS
 
 _MOVED = (Change.WORSE, Change.BETTER, Change.CHANGED)  # order of the changes of one run
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hiltest.exports import when_used
+from hiltest.lazy_exports import when_used
 
 if TYPE_CHECKING:
     from hiltest.studies.worst_case.worst_input import WorstCase, load_worst_case

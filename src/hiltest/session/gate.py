@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hiltest.campaigns.older_firmware import OlderFirmware
     from hiltest.run_record.comparison import Comparison
+    from hiltest.session.older_firmware import OlderFirmware
     from hiltest.verdict.evidence import Evidence
 
 NOT_EVALUATED = 22

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from hiltest.campaigns.folders import RecordFolder, folder_beside_complete, folder_remark
-from hiltest.campaigns.gate import SessionGate
 from hiltest.run_record.outcomes import TestOutcome
+from hiltest.session.gate import SessionGate
+from hiltest.session.record_folder import RecordFolder, folder_beside_complete, folder_remark
 from hiltest.session.results import FOUND, GATING, Found, properties_of
 from hiltest.session.selection import (
     Choice,
@@ -34,7 +34,6 @@ from hiltest.text import id_without_repetition
 
 if TYPE_CHECKING:
     from hiltest.boards import Board, OnChip
-    from hiltest.campaigns.wire_traces import WireTraces
     from hiltest.errors import BenchError, ProtocolError
     from hiltest.measurement import Limit, Measurement
     from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from hiltest.session.by_hand import ByHand
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.session_tape import Replay
+    from hiltest.session.wire_traces import WireTraces
     from hiltest.tape.tape import Tape
     from hiltest.virtual.coverage.lcov import Coverage
     from hiltest.virtual.coverage.source_map import SourceMap
@@ -195,9 +195,9 @@ class HilSession:
         pytest.UsageError
             If the rig, the firmware or an option is wrong, or no record can be written.
         """
-        from hiltest.campaigns.wire_traces import remove_traces
         from hiltest.errors import BenchError, ConfigError, ProtocolError
         from hiltest.procedures.imu_calibration.calibration_file import load_calibration
+        from hiltest.session.wire_traces import remove_traces
 
         self.is_required = True
         try:
@@ -296,9 +296,9 @@ class HilSession:
             raise self.trouble
         if self._board is None:
             from hiltest.boards import open_board
-            from hiltest.campaigns.wire_traces import WireTraces
             from hiltest.errors import BenchError, ProtocolError
             from hiltest.procedures.imu_calibration.owner import refuse_another_board
+            from hiltest.session.wire_traces import WireTraces
 
             self._opened_s = time.monotonic()
             self._traces = WireTraces(self.folder.path)

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hiltest.campaigns.folders import remove_run
 from hiltest.errors import ConfigError
 from hiltest.report.job_summary import remove_job_summary
 from hiltest.report.terminal import shown_path
-from hiltest.run_record.files import COVERAGE_FILE, RUN_FILE, SEED_FOLDERS
+from hiltest.run_record.files import COVERAGE_FILE, RUN_FILE
+from hiltest.session.record_folder import remove_runs
 
 if TYPE_CHECKING:
     from hiltest.rig import Rig
@@ -101,12 +101,6 @@ def run_command(
     remove_runs(folder)  # the record of an earlier command must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, env=_environment(environment))
-
-
-def remove_runs(folder: Path) -> None:
-    """Remove the run or the campaign of an earlier command from a folder."""
-    for run_folder in (*folder.glob(SEED_FOLDERS), folder):
-        remove_run(run_folder)
 
 
 def last_words(output: str) -> str:

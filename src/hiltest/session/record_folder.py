@@ -11,6 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hiltest.run_record.files import SEED_FOLDERS
 from hiltest.session.settings import make_folder
 
 if TYPE_CHECKING:
@@ -142,11 +143,17 @@ def remove_record_in(folder: Path) -> None:
     ConfigError
         If a run uses the folder, which the message names.
     """
-    from hiltest.campaigns.wire_traces import remove_traces
     from hiltest.run_record.journal import Journal
+    from hiltest.session.wire_traces import remove_traces
 
     claim = Journal(folder)
     claim.begin()
     remove_traces(folder)
     claim.finish()
     claim.release()
+
+
+def remove_runs(folder: Path) -> None:
+    """Remove the run or the campaign of an earlier command from a folder."""
+    for run_folder in (*folder.glob(SEED_FOLDERS), folder):
+        remove_run(run_folder)
