@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
 from hiltest import commands
@@ -72,8 +73,13 @@ def test_an_old_spelling_works_and_is_hinted_at(tmp_path: Path, old: str, new: s
 
 
 def test_every_help_begins_with_a_verb() -> None:
-    helps = [text for _, command in every_command() for text in (command, *command.params) if hasattr(text, "help")]
-    assert {(text.help or "").split()[0] for text in helps} == set(VERBS.split())
+    helps = [
+        text.help or ""
+        for _, command in every_command()
+        for text in (command, *command.params)
+        if isinstance(text, click.Command | click.Option)
+    ]
+    assert {text.split()[0] for text in helps} == set(VERBS.split())
 
 
 @pytest.mark.parametrize("command", [["--help"], ["run", "--help"]])
