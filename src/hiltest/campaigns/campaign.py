@@ -27,7 +27,6 @@ from hiltest.campaigns.older_firmware import (
 )
 from hiltest.campaigns.sent_bench import run_there, sent_bench
 from hiltest.errors import ConfigError, SchedulerError
-from hiltest.json_files import json_text
 from hiltest.measurement import Measurement, Outcome, identify, round_significant
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
@@ -45,6 +44,7 @@ from hiltest.run_record.files import (
     SEEDS_FILE,
     write_asked_for,
     write_atomically,
+    write_document,
 )
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import CoverageRecord, Run, Verdict
@@ -450,7 +450,7 @@ def _write_seeds(
         measurements=[_round_numbers(spread) for spread in spreads],
         comparison=comparison,
     )
-    write_atomically(out / SEEDS_FILE, json_text(document, SEEDS_SCHEMA) + "\n")
+    write_document(out / SEEDS_FILE, document, SEEDS_SCHEMA)
 
 
 def _seed_lines(results: Sequence[SeedResult]) -> list[SeedLine]:
