@@ -6,6 +6,7 @@ import ast
 import inspect
 import json
 import math
+import re
 import stat
 import textwrap
 from collections.abc import Sequence
@@ -27,6 +28,8 @@ LARGEST_BYTES = 32 * 1024 * 1024
 DEEPEST = 32
 """Largest number of nested lists and objects; a record has six."""
 
+# A list of only numbers. No string has a line break after a bracket.
+_NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
 _LONGEST_INTEGER = 19  # digits; no count needs 64 bits
 
 Document = TypeVar("Document")
@@ -154,13 +157,15 @@ def _fault(detail: ErrorDetails) -> str:
     return f"{fault}; nothing is converted" if kind == "literal_error" else fault
 
 
-def json_text(document: object, schema: str | None = None) -> str:
+def json_text(document: object, schema: str | None = None, *, numbers_in_line: bool = False) -> str:
     """Return the text of a document, a dataclass or plain data, without a line break at its end.
 
     Parameters
     ----------
     schema
         First key of a dataclass that has none.
+    numbers_in_line
+        Write a list of only numbers on one line.
 
     Raises
     ------
@@ -170,7 +175,8 @@ def json_text(document: object, schema: str | None = None) -> str:
     content = asdict(document) if is_dataclass(document) and not isinstance(document, type) else document
     if schema is not None and isinstance(content, dict):
         content = {"schema": schema, **content}
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+    return _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text) if numbers_in_line else text
 
 
 def json_line(content: object) -> str:

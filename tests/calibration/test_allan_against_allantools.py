@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from hiltest.calibration.allan import allan_curve, averages
 from hiltest.calibration.degrees_of_freedom import degrees_of_freedom, interval, noise_exponents
-from hiltest.log_fitting.allan_page import to_json
+from hiltest.log_fitting.allan_page import allan_document
 from hiltest.log_fitting.rate_log import read_rate_log
 
 from .synthetic_rates import Reals, flicker, random_walk, white
@@ -98,7 +97,7 @@ def test_what_the_command_writes_agrees_on_an_evenly_stamped_log(tmp_path: Path)
     np.savetxt(tmp_path / "rest.csv", stamped, "%.9g", ",", header="t_s,gx_dps,gy_dps,gz_dps", comments="")
     read = np.loadtxt(tmp_path / "rest.csv", delimiter=",", skiprows=1)
     log = read_rate_log(tmp_path / "rest.csv")
-    curve = json.loads(to_json(log, allan_curve(log.rates, rate_hz=log.rate_hz)))["curve"]
+    curve = allan_document(log, allan_curve(log.rates, rate_hz=log.rate_hz)).curve
     for axis, name in enumerate(("gx_dps", "gy_dps", "gz_dps"), start=1):
         _, theirs, _, _ = allantools.oadev(read[:, axis], rate=RATE_HZ, data_type="freq", taus=np.array(curve["tau_s"]))
         assert curve["deviation"][name] == pytest.approx(theirs, rel=1e-9)

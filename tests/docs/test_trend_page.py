@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from hiltest.measurement import Limit, check
-from hiltest.report.trend.outputs import SCHEMA
 from hiltest.run_record.run_json import write_run
 
 from ..trend.runs import finished_run
@@ -57,8 +56,8 @@ def test_the_trend_is_shown_and_drawn(folder: Path) -> None:
     assert "tumble.points" not in said
     assert "tumble.points" in run(everything, folder)
     content = json.loads(run(as_json, folder))
-    assert f"`{SCHEMA}`" in PAGE
-    assert content["schema"] == SCHEMA
+    assert content["schema"] == "hiltest.trend/1"
+    assert "`hiltest.trend/1`" in PAGE
     for name in content["measurements"][0]["series"][0].keys() - {"line", "cycle_model"}:
         assert f"`{name}`" in PAGE, name
     assert (folder / "trend.html").exists()

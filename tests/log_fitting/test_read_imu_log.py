@@ -228,7 +228,7 @@ def test_annotations_come_from_a_list_or_from_a_column(tmp_path: Path, log: Path
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[1, 2", "no JSON"),
+        ("[1, 2", "not JSON"),
         ("[1, 2]", "no list of intervals"),
         ("{}", "no list of intervals"),
         ('{"up": 3}', "up: needs start and end"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import select
 import time
 from collections.abc import Callable
@@ -43,14 +42,12 @@ class ServedRecording:
 
     def __init__(self, transcript: Transcript, path: Path) -> None:
         self._path = path
-        calls = (json.loads(entry.data)["call"] for entry in transcript.entries if entry.direction is Direction.CALL)
+        calls = (entry.call["call"] for entry in transcript.entries if entry.call is not None)
         self._has_frames = POLLED not in calls  # otherwise lines or packets of another protocol
         self._entries = [
             (line, test, entry)
             for line, test, entry in transcript.placed()
-            if entry.data
-            and entry.direction is not Direction.MARK
-            and (entry.direction is not Direction.CALL or _is_break(entry))
+            if _is_break(entry) or (entry.data and entry.direction is not Direction.MARK)
         ]
         self.begin(0.0)
 
@@ -103,8 +100,8 @@ class ServedRecording:
             due = answer[-1] if changed else self._next
             if due.time_s - self._recorded_s > now_s - self._asked_s:
                 break
-            if due.direction is Direction.CALL:
-                why = json.loads(due.data)["raises"]["text"]
+            if due.call is not None:
+                why = due.call["raises"]["text"]
                 raise BenchError(f"{self._path}:{self._entries[self._at][0]}: the recorded line broke here: {why}")
             output += changed or due.data
             self._at += len(answer) if changed else 1
@@ -191,8 +188,10 @@ def _is_from_board(entry: tuple[int, str, TranscriptEntry]) -> bool:
 
 
 def _is_break(entry: TranscriptEntry) -> bool:
-    call = json.loads(entry.data)
-    return call["call"] in ("read", "write") and isinstance(call.get("raises"), dict) and "text" in call["raises"]
+    call = entry.call
+    if call is None or call["call"] not in ("read", "write"):
+        return False
+    return isinstance(call.get("raises"), dict) and "text" in call["raises"]
 
 
 def _sync(data: bytes) -> Frame | None:

@@ -16,7 +16,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hiltest.boards.bench import packaged_build_id
 from hiltest.campaigns.sent_bench import run_there, sent_bench
 from hiltest.errors import ConfigError, SchedulerError
-from hiltest.json_files import json_text
 from hiltest.measurement import Measurement, Outcome, identify, round_significant
 from hiltest.report.campaign_markdown import SeedLine, Spread, campaign_markdown
 from hiltest.report.comparison_text import print_changes, say_how_to_keep
@@ -34,6 +33,7 @@ from hiltest.run_record.files import (
     SEEDS_FILE,
     write_asked_for,
     write_atomically,
+    write_document,
 )
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import CoverageRecord, Run, Verdict
@@ -449,7 +449,7 @@ def _write_seeds(
         measurements=[_round_numbers(spread) for spread in spreads],
         comparison=comparison,
     )
-    write_atomically(out / SEEDS_FILE, json_text(document, SEEDS_SCHEMA) + "\n")
+    write_document(out / SEEDS_FILE, document, SEEDS_SCHEMA)
 
 
 def _seed_lines(results: Sequence[SeedResult]) -> list[SeedLine]:

@@ -23,10 +23,11 @@ from pathlib import Path
 import click
 
 from hiltest.errors import ConfigError, HiltestError, nearest_hint
-from hiltest.json_files import adapter, json_line, json_text, read_as
+from hiltest.json_files import adapter, json_line, read_as
 from hiltest.report.comparison_text import printable
 from hiltest.run_record.comparison import Answer, Change, Comparison, Difference
 from hiltest.run_record.exit_codes import ExitCode
+from hiltest.run_record.files import write_document
 from hiltest.run_record.reader import read_record
 from hiltest.session.older_firmware import UNCOVERED, UNJUDGED, last_words, run_command
 from hiltest.text import join_words
@@ -111,7 +112,7 @@ class Bisection:
 
     def write(self) -> None:
         """Write the settings for the processes that ``git bisect run`` starts."""
-        (Path(self.out) / _SETTINGS_FILE).write_text(json_text(self), encoding="utf-8")
+        write_document(Path(self.out) / _SETTINGS_FILE, self)
 
 
 def read_bisection(out: Path) -> Bisection:

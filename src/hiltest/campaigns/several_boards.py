@@ -11,7 +11,6 @@ from pathlib import Path
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.json_files import json_text
 from hiltest.measurement import Measurement, identify, round_significant
 from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
 from hiltest.report.console import standard_output
@@ -20,7 +19,7 @@ from hiltest.rig import Rig
 from hiltest.rig.bench_files import rig_file
 from hiltest.rig.rig_file import load_rig
 from hiltest.run_record.exit_codes import WORDS, ExitCode
-from hiltest.run_record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically
+from hiltest.run_record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically, write_document
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run, Verdict
 from hiltest.session.older_firmware import last_words, run_command
@@ -95,7 +94,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     apart = apart_of({name: ended[name][1] for name in files})
     verdict = verdict_of(boards)
     document = Boards(verdict.exit_code, verdict.sentence, boards, apart)
-    write_atomically(out / BOARDS_FILE, json_text(document, SCHEMA) + "\n")
+    write_document(out / BOARDS_FILE, document, SCHEMA)
     write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
     page = boards_markdown(verdict, boards, apart)
     write_atomically(out / BOARDS_MARKDOWN, page)

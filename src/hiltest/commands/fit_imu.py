@@ -161,16 +161,15 @@ def fit_imu(**arguments: Any) -> int:
 
 
 def _export(fitted: ImuLogFit, options: _Options) -> int:
-    from hiltest.json_files import json_text
     from hiltest.log_fitting.imu_fit import SCHEMA, imu_fit_document, to_header
-    from hiltest.run_record.files import write_asked_for
+    from hiltest.run_record.files import write_asked_for, write_document
 
     if not (fitted.accelerometer.fit is not None if options.rate_rpm is None else fitted.scales):
         if options.export_json or options.export_header:
             click.echo("refused: the calibration was not exported", err=True)
         return 1
     if options.export_json is not None:
-        write_asked_for(options.export_json, json_text(imu_fit_document(fitted), SCHEMA) + "\n")
+        write_document(options.export_json, imu_fit_document(fitted), SCHEMA)
     if options.export_header is not None:
         write_asked_for(options.export_header, to_header(fitted))
     return 0

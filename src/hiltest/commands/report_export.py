@@ -66,7 +66,7 @@ def report_export(run: Path, form: str, better: str | None, out: Path | None) ->
     """
     from hiltest.json_files import json_text
     from hiltest.report.exports import bencher_metrics, exported, github_action_entries
-    from hiltest.run_record.files import write_asked_for
+    from hiltest.run_record.files import write_document
     from hiltest.verdict.evidence_reader import read_evidence
 
     if form == "bencher" and better is not None:
@@ -90,7 +90,7 @@ def report_export(run: Path, form: str, better: str | None, out: Path | None) ->
     if out is None:
         click.echo(json_text(content))
     else:
-        write_asked_for(out, json_text(content) + "\n")
+        write_document(out, content)
         click.echo(f"{out}: {len(selected)} numbers", err=True)
     file = None if out is None else str(out)
     return 0, ExportedNumbers(form, len(selected), file, content)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
@@ -35,8 +36,9 @@ def trace_lines(transcript: Transcript) -> Iterator[str]:
     for entry in transcript.entries:
         if entry.direction is Direction.CLOCK:
             continue
-        if entry.direction in (Direction.MARK, Direction.CALL):
-            yield _line(entry.time_s, entry.direction, "", entry.data.decode(errors="replace"))
+        if entry.call is not None or entry.direction is Direction.MARK:
+            text = entry.data.decode(errors="replace") if entry.call is None else json.dumps(entry.call)
+            yield _line(entry.time_s, entry.direction, "", text)
             continue
         for item in decoders[entry.direction].feed(entry.data):
             yield _format_item(_TimedItem(entry.time_s, entry.direction, item), asked)

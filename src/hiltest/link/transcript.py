@@ -50,11 +50,13 @@ class Direction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TranscriptEntry:
-    """Bytes that were written or read in one piece, the text of a mark, a call as JSON, or a clock's reading."""
+    """Bytes that were written or read in one piece, the text of a mark, a call, or a clock's reading."""
 
     time_s: float
     direction: Direction
-    data: bytes
+    data: bytes = b""
+    call: Mapping[str, Any] | None = None
+    """A question other than bytes, with its answer; begins with its name. Other entries have none."""
 
 
 class Transcript:
@@ -247,19 +249,15 @@ def _text(content: bytes, path: Path) -> bytes:
 
 
 def _line(entry: TranscriptEntry) -> str:
-    if entry.direction is Direction.MARK:
-        return json.dumps({"t": entry.time_s, "mark": entry.data.decode()})
-    if entry.direction is Direction.CALL:
-        return f'{{"t": {entry.time_s!r}, {entry.data.decode()[1:]}'
-    if entry.direction is Direction.CLOCK:
-        return json.dumps({"t": entry.time_s, "dir": str(entry.direction)})
-    return json.dumps({"t": entry.time_s, "dir": str(entry.direction), "hex": entry.data.hex()})
-
-
-def call_entry(time_s: float, call: Mapping[str, Any]) -> TranscriptEntry:
-    """Return the entry of a question other than bytes, with its answer; `call` begins with its name."""
-    text = json.dumps(call, allow_nan=False)
-    return TranscriptEntry(time_s, Direction.CALL, text.encode())
+    if entry.call is not None:
+        content = dict(entry.call)
+    elif entry.direction is Direction.MARK:
+        content = {"mark": entry.data.decode()}
+    else:
+        content = {"dir": str(entry.direction)}
+        if entry.direction is not Direction.CLOCK:
+            content["hex"] = entry.data.hex()
+    return json.dumps({"t": entry.time_s, **content}, allow_nan=False)
 
 
 def _entry(item: dict[str, object]) -> TranscriptEntry:
@@ -271,7 +269,8 @@ def _entry(item: dict[str, object]) -> TranscriptEntry:
     if "call" in item:
         if not isinstance(item["call"], str) or not isinstance(item.get("given", {}), dict):
             raise ValueError("call is not a name, or its arguments are not a table")
-        return call_entry(time_s, {key: value for key, value in item.items() if key != "t"})
+        call = {key: value for key, value in item.items() if key != "t"}
+        return TranscriptEntry(time_s, Direction.CALL, call=call)
     if item["dir"] == Direction.CLOCK:
-        return TranscriptEntry(time_s, Direction.CLOCK, b"")
+        return TranscriptEntry(time_s, Direction.CLOCK)
     return TranscriptEntry(time_s, Direction(str(item["dir"])), bytes.fromhex(str(item["hex"])))

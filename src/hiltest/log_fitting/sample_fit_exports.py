@@ -11,7 +11,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.c_source import c_float, comment_text
 from hiltest.json_files import json_text
 from hiltest.log_fitting.fit_result import CalibratorFit, Matrix, SampleFit, Triple
-from hiltest.run_record.files import write_asked_for
+from hiltest.run_record.files import write_asked_for, write_document
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
@@ -105,7 +105,7 @@ def export_json(fit: SampleFit, path: Path) -> None:
                 "gain": best.gravity.accelerometer_gain,
             },
         }
-    write_asked_for(path, json_text(content) + "\n")
+    write_document(path, content)
 
 
 def export_header(fit: SampleFit, path: Path) -> None:

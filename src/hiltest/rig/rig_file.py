@@ -16,11 +16,11 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.json_files import read_bounded
+from hiltest.json_files import adapter, read_bounded, shown
 from hiltest.measurement import Limit, Section, Tolerance, identify, is_direction, nearest_name
 from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
@@ -105,7 +105,7 @@ def parse_rig(path: Path, content: bytes) -> Rig:
         "lines": {".".join(key): line for key, line in source.lines.items()},
         "full_only": [name for name, entry in read["limits"].items() if entry.suite == "full"],
     }
-    rig: Rig = source.validate(TypeAdapter(Rig), {**data, **bounds, **derived}, Rig)
+    rig: Rig = source.validate({**data, **bounds, **derived}, Rig)
     _refuse_limits_within_uncertainty(rig, source)
     _refuse_tolerances_beyond_limits(rig, source)
     if rig.world is not None:
@@ -127,11 +127,11 @@ class _Source:
                 return f"{self._path}:{self.lines[key[:depth]]}"
         return str(self._path)
 
-    def validate(self, adapter: TypeAdapter[Any], data: object, model: Any, prefix: tuple[str, ...] = ()) -> Any:
+    def validate(self, data: object, model: Any, prefix: tuple[str, ...] = ()) -> Any:
         """Return the data validated by pydantic, or raise the first mistake as a sentence."""
         try:
             # As JSON, because strict mode accepts arrays for tuples and tables for dataclasses only there.
-            return adapter.validate_json(json.dumps(data, default=str))
+            return adapter(model).validate_json(json.dumps(data, default=str))
         except ValidationError as error:
             # Unknown keys first, because a misspelt key is also a missing one, and the spelling is more helpful.
             details = sorted(error.errors(), key=lambda error: error["type"] != "unexpected_keyword_argument")
@@ -149,7 +149,7 @@ class _Source:
         place = ".".join(prefix + key)
         if kind in ("missing", "missing_argument"):
             return ConfigError(f"{self.where(prefix + key)}: {place} is missing")
-        input_text = "" if isinstance(cause, RigValueError) else f", not {_display_value(detail['input'])}"
+        input_text = "" if isinstance(cause, RigValueError) else f", not {shown(detail['input'])}"
         return ConfigError(f"{self.where(prefix + key)}: {place}: {message[0].lower()}{message[1:]}{input_text}")
 
 
@@ -178,17 +178,15 @@ def _units(source: _Source, tables: Mapping[str, Mapping[str, LimitEntry | Toler
 
 
 def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, LimitEntry]:
-    adapter = TypeAdapter(dict[str, LimitEntry])
-    read: dict[str, LimitEntry] = source.validate(adapter, entries, dict[str, LimitEntry], (table,))
+    read: dict[str, LimitEntry] = source.validate(entries, dict[str, LimitEntry], (table,))
     for name, entry in read.items():
         _check_limit(source, (table, name), entry)
     return read
 
 
 def _checked_tolerances(source: _Source, entries: object) -> dict[str, ToleranceEntry]:
-    adapter = TypeAdapter(dict[str, ToleranceEntry])
     key = ("tolerances",)
-    read: dict[str, ToleranceEntry] = source.validate(adapter, entries, dict[str, ToleranceEntry], key)
+    read: dict[str, ToleranceEntry] = source.validate(entries, dict[str, ToleranceEntry], key)
     for name, entry in read.items():
         _check_name(source, (*key, name), entry.unit)
         try:
@@ -286,8 +284,3 @@ def _keys_by_line(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
 
 def _split_key(written: str) -> tuple[str, ...]:
     return tuple(part.strip("\"'") for part in _KEY.findall(written))
-
-
-def _display_value(value: object) -> str:
-    text = json.dumps(value, default=str)
-    return text if len(text) <= 60 else f"{text[:57]}..."

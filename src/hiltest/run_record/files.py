@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import json_text
 
 RUN_FILE = "run.json"
 REPORT_FILE = "report.html"
@@ -74,6 +75,11 @@ def write_asked_for(path: Path, text: str) -> None:
     except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot write {path}: {reason}; name another file") from error
+
+
+def write_document(path: Path, document: object, schema: str | None = None) -> None:
+    """Write a document as JSON, like `write_asked_for`; `schema` as in `json_text`."""
+    write_asked_for(path, json_text(document, schema) + "\n")
 
 
 def _replaceable(path: Path) -> Path | None:

@@ -57,10 +57,10 @@ class Player(Tape):
 
     def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Answer a question from the recording."""
-        entry, as_recorded = self._question(), json.loads(json.dumps(arguments))
-        call = _call(entry)
-        if call is None or call["call"] != name or call.get("given", {}) != as_recorded:
-            self._raise_divergence(f"asks {_question(name, as_recorded)}")
+        entry = self._question()
+        call = None if entry is None else entry.call
+        if call is None or call["call"] != name or call.get("given", {}) != arguments:
+            self._raise_divergence(f"asks {_question(name, arguments)}")
         self._finish_call(call)
         if "raises" in call:
             raise self._restore(restored_error, call["raises"])
@@ -122,7 +122,8 @@ class Player(Tape):
         self._raise_if_broken("write")
 
     def _raise_if_broken(self, operation: str) -> None:
-        call = _call(self._next())
+        entry = self._next()
+        call = None if entry is None else entry.call
         if call is not None and call["call"] == operation:
             self._finish_call(call)
             raise self._restore(restored_error, call.get("raises"))
@@ -134,11 +135,11 @@ class Player(Tape):
         """Go to the next question of the recording, and skip empty reads."""
         if self._divergence is not None:
             raise self._divergence
-        while (entry := self._next()) is not None and not entry.data:
+        while (entry := self._next()) is not None and not entry.data and entry.call is None:
             self._at += 1
         return entry
 
-    def _finish_call(self, call: dict[str, Any]) -> None:
+    def _finish_call(self, call: Mapping[str, Any]) -> None:
         until = call.get("until", self._entries[self._at].time_s)
         until_s = self._restore(lambda content: restored(float, content), until)
         self._time_s = max(self._time_s, until_s)
@@ -172,8 +173,8 @@ class Player(Tape):
 
 
 def _describe(entry: TranscriptEntry, *, beside: bytes = b"") -> str:
-    if (call := _call(entry)) is not None:
-        return f"asked {_question(str(call['call']), call.get('given', {}))}"
+    if entry.call is not None:
+        return f"asked {_question(str(entry.call['call']), entry.call.get('given', {}))}"
     if entry.direction is Direction.TO_HOST:
         return f"read {len(entry.data)} bytes first"
     words, difference = frames_in_words(entry.data), ""
@@ -181,13 +182,6 @@ def _describe(entry: TranscriptEntry, *, beside: bytes = b"") -> str:
         pairs = enumerate(zip_longest(beside, entry.data))
         difference = f", another from byte {next(at for at, (one, two) in pairs if one != two)} on"
     return f"sent {words}{difference}"
-
-
-def _call(entry: TranscriptEntry | None) -> dict[str, Any] | None:
-    if entry is None or entry.direction is not Direction.CALL:
-        return None
-    call: dict[str, Any] = json.loads(entry.data)
-    return call
 
 
 def _question(name: str, arguments: Mapping[str, Any]) -> str:

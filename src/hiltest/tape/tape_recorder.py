@@ -9,7 +9,7 @@ from typing import Any
 
 from hiltest.errors import HiltestError
 from hiltest.link.ports import SerialPort
-from hiltest.link.transcript import END, Direction, TranscriptEntry, TranscriptFile, call_entry
+from hiltest.link.transcript import END, Direction, TranscriptEntry, TranscriptFile
 from hiltest.tape.tape import Tape, Taped
 from hiltest.tape.values import interface_in, plain, plain_error
 
@@ -109,7 +109,7 @@ class Recorder(Tape):
         ended_s = self._now()
         if self._file is not None:
             until = {"until": ended_s} if ended_s != began_s else {}
-            self._file.add(call_entry(began_s, {**call, **until}))
+            self._file.add(TranscriptEntry(began_s, Direction.CALL, call={**call, **until}))
             self._latest_s = ended_s
 
     def _wall_s(self) -> float:

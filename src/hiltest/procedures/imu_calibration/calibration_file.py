@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from hiltest.calibration.c_source import c_constant, comment_text
-from hiltest.json_files import read_as, read_json
+from hiltest.json_files import json_text, read_as, read_json
 from hiltest.procedures.imu_calibration.contents import SCHEMA, ImuCalibration, Matrix, Triple
 
 # Largest size: a calibration file has some 4 kB.
 _LARGEST_BYTES = 1_000_000
-# A list of only numbers, which is written on one line. No string has a line break after a bracket.
-_NUMBERS = re.compile(r"\[\n([^\[\]{}]*?)\n\s*\]")
 _OTHERWISE = "calibrate again: hiltest calibrate"
 _GUARD = "HILTEST_IMU_CALIBRATION_H"
 
@@ -31,8 +27,7 @@ class CalibrationFile:
 
 def to_json(calibration: ImuCalibration) -> str:
     """Return the text of a calibration file."""
-    text = json.dumps(asdict(calibration), indent=1, ensure_ascii=False, allow_nan=False)
-    return _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text) + "\n"
+    return json_text(calibration, numbers_in_line=True) + "\n"
 
 
 def load_calibration(path: Path) -> CalibrationFile:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 
 from hiltest import __version__
 from hiltest.errors import ConfigError
-from hiltest.json_files import read_as
+from hiltest.json_files import json_text, read_as
 from hiltest.studies.board_calibrators import BoardCalibrators
 from hiltest.studies.worst_case.argument_ranges import refuse_files
 from hiltest.studies.worst_case.point_sets import MOST_POINTS, PointSets
@@ -29,8 +27,6 @@ _LARGEST_BYTES = 4_000_000  # four times the text of a hundred thousand numbers
 _OTHERWISE = "search again: hiltest profile worst"
 _LONGEST = 60  # characters of arguments that are shown
 _COUNTS = np.iinfo(np.int16)
-# A list of only numbers, which is written on one line.
-_NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +111,7 @@ def digest(elf: Path) -> str:
 
 def to_json(case: WorstCase) -> str:
     """Return the text of the file."""
-    text = json.dumps(asdict(case), indent=1, ensure_ascii=False, allow_nan=False)
-    return _NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text) + "\n"
+    return json_text(case, numbers_in_line=True) + "\n"
 
 
 def load_worst_case(path: Path) -> WorstCase:
