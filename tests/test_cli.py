@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
 from hiltest import commands
@@ -23,7 +24,8 @@ from . import in_process
 COMMANDS = Path(commands.__file__).parent
 VERBS = """
 Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Export Fail Find Fit Flash Give
-Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save Search
+Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save
+Search
 Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
 """
 
@@ -72,8 +74,9 @@ def test_an_old_spelling_works_and_is_hinted_at(tmp_path: Path, old: str, new: s
 
 
 def test_every_help_begins_with_a_verb() -> None:
-    helps = [text for _, command in every_command() for text in (command, *command.params) if hasattr(text, "help")]
-    assert {(text.help or "").split()[0] for text in helps} == set(VERBS.split())
+    helped = [item for _, command in every_command() for item in (command, *command.params)]
+    helps = [item.help or "" for item in helped if isinstance(item, click.Command | click.Option)]
+    assert {text.split()[0] for text in helps} == set(VERBS.split())
 
 
 @pytest.mark.parametrize("command", [["--help"], ["run", "--help"]])

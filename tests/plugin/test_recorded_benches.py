@@ -16,7 +16,7 @@ from hiltest.rig.bench_files import shipped
 REASONS = {
     "line-lost": "lost /dev/pts/",
     "board-silent": "no answer to ",
-    "nothing-answers": "only silence",
+    "nothing-answers": "and no other byte",
     "firmware-hangs": "the firmware is hung, looping to itself in command_average",
     "firmware-faults": "ndefined instruction",
     "stack-overflow": "stack overflow",
@@ -36,13 +36,15 @@ REASONS = {
 
 # Processors add in different orders: a difference of headings of 3e-5 deg was seen to move by 1e-13 deg.
 TOLERANCE = 1e-7
+# Words, and lines of the suites, which change without a change of the judgement.
+PROSE = {"sentence", "reason", "note", "place", "not_offered"}
 
 
 def assert_alike(again: Any, kept: Any, place: str = "record") -> None:
-    """Assert that two records say the same, numbers within the tolerance."""
+    """Assert that two records say the same but for their words, numbers within the tolerance."""
     if isinstance(kept, dict):
         assert again.keys() == kept.keys(), place
-        for key in kept:
+        for key in kept.keys() - PROSE:
             assert_alike(again[key], kept[key], f"{place}.{key}")
     elif isinstance(kept, list):
         assert len(again) == len(kept), place

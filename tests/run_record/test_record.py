@@ -89,7 +89,8 @@ def test_the_text_has_one_measurement_a_line(findings: Make, good: list[Measurem
         ('{"schema": "hiltest.fit/1"}', 'schema is "hiltest.fit/1", .*: it is not a record of a run'),
         (
             '{"schema": "hiltest.run/2"}',
-            'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1": use the version that wrote it, or make the',
+            'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1": use the version that wrote it, or repeat '
+            "the",
         ),
         ('{"schema": "hiltest.run/2", "environment": {"versions": {"hiltest": "3.1"}}}', r'wrote it \(hiltest "3.1"\)'),
         ('{"schema": "hiltest.run/1"}', "verdict: Field required"),

@@ -15,9 +15,9 @@ from hiltest.procedures.hand_poses import STILL_WITHIN_S, Readings, Reals, moved
 from hiltest.procedures.settling import Settled, wait_until_settled
 from hiltest.procedures.turntables import Achieved, OperatorTurntable
 
-SAY = "A stopped run starts again, since this firmware does not report its state.\n"
+SAY = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 """Note before the first question, because such firmware does not identify its build or its calibration."""
-_STOPPED = "the repeated command starts again"
+_STOPPED = "the same command begins anew"
 _FIELD = (Quantity.MAGNETOMETER, Quantity.MAGNETOMETER_CALIBRATED)
 _GRAVITY = (Quantity.ACCELEROMETER, Quantity.ACCELEROMETER_CALIBRATED)
 # Duration of one reading while a question waits [s]: three lines at ten per second.

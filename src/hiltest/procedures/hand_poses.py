@@ -34,8 +34,8 @@ _ACCELEROMETER_NOISE_MG = 1.3
 _LIVE_READINGS = 8
 _NAMED_AT_MOST = 3
 _ORDERS = (
-    "Enter takes the heading at the angle that is asked for, a number states the angle that was reached; r "
-    "repeats the last one, s skips, b goes back, q stops.\n"
+    "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
+    "r takes the last one again, s skips, b goes back, q stops.\n"
 )
 
 
@@ -143,7 +143,7 @@ def walk_by_hand(
     look: Callable[[], str] | None,
     now_s: Callable[[], float],
     say: str = "",
-    stopped: str = "repeat the command to continue",
+    stopped: str = "the same command goes on",
 ) -> None:
     """Ask for each pose and capture it, until all are done.
 
@@ -198,11 +198,11 @@ def walk_by_hand(
             nonsense += 1
             if nonsense == QUESTIONS:
                 raise OperatorAbsentError(
-                    f"{QUESTIONS} answers were not a heading between -360 and 360: check that an operator is present"
+                    f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?"
                 )
             continue
         elif moved := take(at, heading_deg):
-            message = f"the board is not still: {moved}.\n"
+            message = f"the board does not stand still: {moved}.\n"
         else:
             walk.take()
         nonsense = 0
