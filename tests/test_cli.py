@@ -25,7 +25,8 @@ COMMANDS = Path(commands.__file__).parent
 VERBS = """
 Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Export Fail Find Fit Flash Give
 Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save
-Search Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
+Search
+Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
 """
 
 pytestmark = pytest.mark.slow
@@ -73,12 +74,8 @@ def test_an_old_spelling_works_and_is_hinted_at(tmp_path: Path, old: str, new: s
 
 
 def test_every_help_begins_with_a_verb() -> None:
-    helps = [
-        text.help or ""
-        for _, command in every_command()
-        for text in (command, *command.params)
-        if isinstance(text, click.Command | click.Option)
-    ]
+    helped = [item for _, command in every_command() for item in (command, *command.params)]
+    helps = [item.help or "" for item in helped if isinstance(item, click.Command | click.Option)]
     assert {text.split()[0] for text in helps} == set(VERBS.split())
 
 

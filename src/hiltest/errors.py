@@ -105,9 +105,9 @@ class SyncError(BenchError):
         self.port = port
         self.heard = heard
         self.attempts = attempts
-        heard_text = f"{len(heard)} other bytes ({heard[:16].hex(' ')})" if heard else "no byte"
+        heard_text = f"only {len(heard)} other bytes ({heard[:16].hex(' ')})" if heard else "and no other byte"
         super().__init__(
-            f"{attempts} synchronisation requests on {port} got {heard_text} and no answer. "
+            f"no answer to {attempts} synchronisation requests on {port}, {heard_text}. "
             "Check that the board runs hiltest's firmware, and the baud rate."
         )
 

@@ -118,7 +118,7 @@ def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
     killed = at_a_terminal(words, folder, answer)
     assert killed.code == -9
     assert re.search(
-        r"continues the run of \S+Z, which was cut short: the six faces, the tumble, 1 known angle reused",
+        r"goes on with the run of \S+Z, which was cut short: the six faces, the tumble, 1 known angle taken over",
         killed.shown,
     )
     assert asked == ["pose 2", "pose 3"]

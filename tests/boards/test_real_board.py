@@ -275,7 +275,7 @@ def test_a_port_on_which_nobody_answers_is_a_sync_error(real_rig: Rig) -> None:
     terminal = PseudoTerminal()
     try:
         began_s = time.monotonic()
-        with pytest.raises(SyncError, match=f"3 synchronisation requests on {terminal.path}, only silence"):
+        with pytest.raises(SyncError, match=f"3 synchronisation requests on {terminal.path}, and no other byte"):
             open_board(real_rig, port=terminal.path)
         late_s = time.monotonic() - began_s - REPLY_DEADLINE_S * ATTEMPTS
         assert 0.0 <= late_s < READ_SLICE_S * ATTEMPTS + 1.0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tests.command_files import run
 
-from hiltest.commands.worst import worst
+from hiltest.commands.profile_worst import profile_worst
 from hiltest.rig.rig_file import load_rig
 from hiltest.studies.worst_case import load_worst_case
 from hiltest.verdict.baseline_file import read_baseline
@@ -53,5 +53,5 @@ def test_the_limit_on_the_page_is_the_default_rig_s() -> None:
 
 
 def test_every_option_is_named() -> None:
-    options = {name for parameter in worst.params for name in parameter.opts if name.startswith("--")}
+    options = {name for parameter in profile_worst.params for name in parameter.opts if name.startswith("--")}
     assert [option for option in options if option not in PAGE] == []

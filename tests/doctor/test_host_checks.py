@@ -76,7 +76,7 @@ def test_a_port_off_usb_leaves_out_what_is_about_usb(tree: UsbTree) -> None:
     [
         ({}, "has no drive"),
         ({"disk": "sdb"}, "sdb is not mounted"),
-        ({"disk": "sdb", "mounted": "/m/D", "options": "ro"}, "read only"),
+        ({"disk": "sdb", "mounted": "/m/D", "options": "ro"}, "read-only"),
     ],
 )
 def test_a_drive_that_firmware_cannot_be_dropped_onto(tree: UsbTree, drive: dict[str, str], message: str) -> None:

@@ -73,7 +73,7 @@ def test_a_count_needs_a_scale_and_a_command_bytes() -> None:
         TextValue(unit="count")
     with pytest.raises(RigValueError, match="must not be 0"):
         TextValue(scale=0.0)
-    with pytest.raises(RigValueError, match="no byte") as caught:
+    with pytest.raises(RigValueError, match="not a byte") as caught:
         TextCommands(after_tumble="→")
     assert caught.value.key == "after_tumble"
 

@@ -162,7 +162,7 @@ def test_another_lock_file_may_say_anything(tmp_path: Path, monkeypatch: pytest.
         file.write_bytes(text)
         with file.open() as held:
             fcntl.flock(held, fcntl.LOCK_EX)
-            with pytest.raises(PortRefusedError, match="does not say which"):
+            with pytest.raises(PortRefusedError, match="an unknown process"):
                 BoardLock("board")
     with BoardLock("board"), file.open() as held, pytest.raises(BlockingIOError):
         fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)

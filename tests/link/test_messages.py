@@ -147,7 +147,7 @@ def test_a_pose_comes_back_as_it_was_sent() -> None:
     assert second.accelerometer_spread is not None
     assert second.accelerometer_spread.tolist() == [0.0, 1.0, 1.0]
     assert (second.readings, second.face) == (16, Face.MINUS_X)
-    with pytest.raises(ProtocolError, match="face at byte 2 of 104: 6 is no Face"):
+    with pytest.raises(ProtocolError, match="face at byte 2 of 104: 6 is not a Face"):
         decode_reply(Poses(0, 20), b"\x00\x02\x06" + payload[3:])
 
 
@@ -307,11 +307,11 @@ def test_an_error_status_names_command_status_and_a_way_out() -> None:
     ("request_", "payload", "message"),
     [
         (m.Identify(), b"", "reply to IDENTITY: status at byte 0 of 0: needs 1 bytes, 0 are left"),
-        (m.ClearPoints(), b"\x63", "status at byte 0 of 1: 99 is no Status"),
+        (m.ClearPoints(), b"\x63", "status at byte 0 of 1: 99 is not a Status"),
         (m.ClearPoints(), b"\x00\x01", "end at byte 1 of 2: 1 bytes too many"),
         (m.ClearPoints(), b"\x03\x01", "end at byte 1 of 2: 1 bytes too many"),
         (m.Sync(1), b"\x00\x01\x00\x00", "nonce at byte 1 of 4: needs 4 bytes, 3 are left"),
-        (m.Sensors(), b"\x00\x01\x05\x09", "sensor kind at byte 3 of 4: 9 is no SensorKind"),
+        (m.Sensors(), b"\x00\x01\x05\x09", "sensor kind at byte 3 of 4: 9 is not a SensorKind"),
         (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x02", "present at byte 8 of 9: 2 is neither 0 nor 1"),
         (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x01\x01\x02\xc3\x28", "sensor name at byte 11 of 13"),
         (m.GetCalibration(0), b"\x00" + struct.pack("<12f", *[1.0] * 3, math.nan, *[1.0] * 8), "element 3 is nan"),

@@ -91,7 +91,7 @@ def test_synchronising_skips_noise_and_old_answers(session_with: OpenSession) ->
 
 
 def test_silence_is_a_sync_error(session_with: OpenSession) -> None:
-    with pytest.raises(SyncError, match="only silence"):
+    with pytest.raises(SyncError, match="no other byte"):
         session_with(lambda *_: b"", deadline_s=0.1).synchronise()
 
 

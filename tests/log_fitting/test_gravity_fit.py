@@ -148,8 +148,8 @@ def test_no_attitude_of_a_still_log_is_taken_for_a_wild_row(shared_data: Callabl
     ("change", "why"),
     [
         (lambda acceleration: np.where(np.arange(200)[:, None] < 17, acceleration, np.nan), "17 rows have readings"),
-        (lambda acceleration: np.tile(acceleration[0], (200, 1)), "make no ellipsoid"),
-        (lambda acceleration: acceleration * [1.0, 1.0, 0.0], "make no ellipsoid"),
+        (lambda acceleration: np.tile(acceleration[0], (200, 1)), "do not form an ellipsoid"),
+        (lambda acceleration: acceleration * [1.0, 1.0, 0.0], "do not form an ellipsoid"),
         (lambda acceleration: np.where(acceleration[:, 2:] < -6.0, acceleration, np.nan), "determine its direction to"),
         (lambda acceleration: np.random.default_rng(1).normal(size=acceleration.shape), "its length varies"),
     ],

@@ -256,7 +256,7 @@ def test_a_vanished_measurement_is_no_pass_and_is_named(
 def test_a_choice_of_tests_is_no_pass(pytester: pytest.Pytester, options: list[str]) -> None:
     code, sentence = judged(pytester, *options)
     assert code == 22
-    assert "this run: only chosen tests ran, and 1 measurement of base/run.json not among them" in sentence.replace(
+    assert "this run: only chosen tests ran, without 1 measurement of base/run.json" in sentence.replace(
         "this run of hiltest-frdm-k64f 0.1.0", "this run"
     )
 
@@ -336,7 +336,7 @@ def test_a_choice_that_leaves_no_test_of_hiltest_is_no_pass(pytester: pytest.Pyt
     result = pytester.runpytest_inprocess("--hil-baseline=base", "-k", "plain")
     assert result.ret == 22
     result.stdout.fnmatch_lines(
-        ["NOT EVALUATED: --hil-baseline is base, and no test that ran uses hiltest: there is nothing to compare."]
+        ["NOT EVALUATED: --hil-baseline is base, and no test that ran uses hiltest, so there is nothing to compare."]
     )
     assert pytester.runpytest_inprocess("--hil-baseline=base", "-k", "nothing").ret == 5
 

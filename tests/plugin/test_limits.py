@@ -75,7 +75,7 @@ def test_tests_that_the_user_left_out_make_nobody_red_and_are_said(
     # It is no base of a whole run, and no part of one.
     whole = pytester.runpytest_inprocess("--hil-baseline=hil-out", "--hil-out=whole")
     assert whole.ret == 22
-    assert "only chosen tests ran before, and all now" in record_of(pytester, "whole")["verdict"]["sentence"]
+    assert "only chosen tests ran before, and all tests now" in record_of(pytester, "whole")["verdict"]["sentence"]
     part = pytester.runpytest_inprocess(*choice, "--hil-baseline=whole", "--hil-out=part")
     assert part.ret == 22
     assert "only chosen tests ran, and 1 measurement of whole" in record_of(pytester, "part")["verdict"]["sentence"]

@@ -272,7 +272,10 @@ def test_nothing_is_written_where_hiltest_is_not_used(pytester: pytest.Pytester)
     [
         (("[mounting]", "[mountin]"), "*unknown key 'mountin'; did you mean 'mounting'?"),
         (("dip_deg", "dipp_deg"), "*unknown key *dipp_deg*did you mean *dip_deg*"),
-        (("uncertainty_deg = 0.1", "uncertainty_deg = 2.5"), "*heading.direct.max* is tighter than the reference*"),
+        (
+            ("uncertainty_deg = 0.1", "uncertainty_deg = 2.5"),
+            "*heading.direct.max* is tighter than the uncertainty of the reference*",
+        ),
         (("schema = 1", "schema = one"), "*not TOML*"),
     ],
 )

@@ -16,7 +16,7 @@ from hiltest.rig.bench_files import shipped
 REASONS = {
     "line-lost": "lost /dev/pts/",
     "board-silent": "no answer to ",
-    "nothing-answers": "only silence",
+    "nothing-answers": "and no other byte",
     "firmware-hangs": "the firmware is hung, looping to itself in command_average",
     "firmware-faults": "ndefined instruction",
     "stack-overflow": "stack overflow",
@@ -36,16 +36,18 @@ REASONS = {
 
 # Processors add in different orders: a difference of headings of 3e-5 deg was seen to move by 1e-13 deg.
 TOLERANCE = 1e-7
+# Words, and lines of the suites, which change without a change of the judgement.
+PROSE = {"sentence", "reason", "note", "place", "not_offered"}
 
 
 def assert_alike(again: Any, recorded: Any, place: str = "record") -> None:
-    """Assert that a record still has everything that was recorded, numbers within the tolerance.
+    """Assert that a record still has everything that was recorded but for its words, numbers within the tolerance.
 
     Keys that the recorded one lacks are newer than it, and make it not stale.
     """
     if isinstance(recorded, dict):
         assert recorded.keys() <= again.keys(), place
-        for key in recorded:
+        for key in recorded.keys() - PROSE:
             assert_alike(again[key], recorded[key], f"{place}.{key}")
     elif isinstance(recorded, list):
         assert len(again) == len(recorded), place

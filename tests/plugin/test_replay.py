@@ -119,7 +119,7 @@ def test_a_recording_that_was_changed_is_a_divergence_at_its_line(
     test = next(test for test in record["tests"] if test["id"].endswith("test_turned"))
     assert test["outcome"] == "connection lost"
     assert "this run differs from the recorded one" in test["reason"]
-    assert "and run.jsonl:" in test["reason"]
+    assert "but run.jsonl:" in test["reason"]
     for item in message:
         assert item in test["reason"], output
 
@@ -141,7 +141,7 @@ def test_fewer_tests_than_were_recorded_are_a_divergence(
     code, record, output = replay("-k", "slots")
     assert code == 20
     assert record["tests"][-1]["id"] == "replay"
-    assert "the end of the run asks board.memory_use(), and run.jsonl:" in output
+    assert "the end of the run asks board.memory_use(), but run.jsonl:" in output
     code, record, _ = replay("-k", "turned")
     assert code == 20
     assert "test_turned" in record["tests"][0]["reason"]
@@ -169,7 +169,7 @@ def test_a_rig_of_other_conditions_is_refused_and_one_of_other_limits_is_not(
         (["--hil-firmware=app.elf"], "--hil-firmware does not go with --hil-replay"),
         (["--hil-seed=2"], "--hil-seed does not go with --hil-replay"),
         (["--hil-record=new.jsonl"], "--hil-record does not go with --hil-replay"),
-        (["-n1"], "in one process"),
+        (["-n1"], "a single process"),
     ],
 )
 def test_what_a_replay_cannot_have_is_refused(

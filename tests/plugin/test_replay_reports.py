@@ -96,11 +96,11 @@ def test_another_command_a_longer_wait_and_a_changed_line_are_found(
     assert run(f"--hil-rig={rig}", "--hil-record=run.jsonl")[0] == 0
     code, record, _ = run("--hil-replay=run.jsonl", suite=SUITE.replace("Moment.POSE", "Moment.START"))
     assert code == 20
-    assert "test_heard listens to the board, and run.jsonl:" in record["tests"][0]["reason"]
+    assert "test_heard listens to the board, but run.jsonl:" in record["tests"][0]["reason"]
     assert r"in test_bench.py::test_heard sent 'pose\r\n'" in record["tests"][0]["reason"]
     code, record, _ = run("--hil-replay=run.jsonl", suite=SUITE.replace("observe(1.0)", "observe(0.5)"))
     assert code == 20
-    assert "test_seen asks costs-1.calls(), and run.jsonl:" in record["tests"][1]["reason"]
+    assert "test_seen asks costs-1.calls(), but run.jsonl:" in record["tests"][1]["reason"]
     assert "bytes first" in record["tests"][1]["reason"]
     lines = (pytester.path / "run.jsonl").read_text(encoding="utf-8")
     sent = b"pose\r\n".hex()
@@ -108,7 +108,7 @@ def test_another_command_a_longer_wait_and_a_changed_line_are_found(
     (pytester.path / "run.jsonl").write_text(lines.replace(sent, b"hold\r\n".hex()), encoding="utf-8")
     code, record, _ = run("--hil-replay=run.jsonl")
     assert code == 20
-    assert r"test_heard sends 'pose\r\n', and run.jsonl:" in record["tests"][0]["reason"]
+    assert r"test_heard sends 'pose\r\n', but run.jsonl:" in record["tests"][0]["reason"]
     assert r"in test_bench.py::test_heard sent 'hold\r\n'" in record["tests"][0]["reason"]
 
 

@@ -102,15 +102,17 @@ def test_a_run_goes_on_at_the_next_pose(runs: Runs, ends: Verdict | None) -> Non
     assert answer == ""
     assert runs.poses == [1, 2, 3]
     answer, result = runs(ends=PASSED)
-    assert re.fullmatch(r"continues the run of \S+Z, which was cut short: the tumble, 2 known angles reused", answer)
+    assert re.fullmatch(
+        r"goes on with the run of \S+Z, which was cut short: the tumble, 2 known angles taken over", answer
+    )
     assert runs.poses == [3]
-    assert re.match(r"\n2 known angles reused from the run of \S+Z\.", runs.asked[0])
+    assert re.match(r"\n2 known angles of the run of \S+Z, taken over\.", runs.asked[0])
     assert runs.tumbled == 1
     assert result is not None
     assert result.poses == POSES
     assert result.reference_deg.tolist() == [1.5, 90.0, 180.0]
     assert result.heading_deg["uncalibrated"].shape == (3,)
-    # It is at its end: there is nothing to go on with.
+    # It has come to its end: there is nothing to go on with.
     assert not (runs.folder / JOURNAL_FILE).exists()
     answer, _ = runs(ends=PASSED)
     assert (answer, runs.poses, runs.tumbled) == ("", [1, 2, 3], 2)
@@ -136,7 +138,7 @@ def test_another_bench_begins_anew_and_says_what_is_another(runs: Runs, case: st
     runs("", "q")
     answer, _ = runs(ends=PASSED, bench=BENCH | {case: "ee"})
     assert re.fullmatch(
-        rf"starts again instead of continuing the run of \S+Z, which was cut short: another {case}", answer
+        rf"begins anew, and does not go on with the run of \S+Z, which was cut short: another {case}", answer
     )
     assert runs.poses == [1, 2, 3]
     assert runs.tumbled == 2
@@ -147,7 +149,7 @@ def test_another_calibration_begins_the_poses_anew(runs: Runs) -> None:
     runs.board.session.request(SetCalibration(0, 1.5 * np.eye(3), np.zeros(3)))
     runs(ends=PASSED)
     assert re.match(
-        r"\nThe known angles start again: the calibration uncalibrated differs from the run of", runs.asked[0]
+        r"\nThe known angles begin anew: the calibration uncalibrated is another than in the run of", runs.asked[0]
     )
     assert runs.poses == [1, 2, 3]
     assert runs.tumbled == 1
@@ -205,5 +207,5 @@ def test_a_damaged_journal_begins_anew(runs: Runs, damage: Callable[[dict[str, o
     entries = [damage(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
     path.write_text("".join(f"{json.dumps(entry)}\n" for entry in entries), encoding="utf-8")
     answer, _ = runs(ends=PASSED)
-    assert re.fullmatch(r"starts again: the journal of the run of \S+Z, which was cut short, is damaged", answer)
+    assert re.fullmatch(r"begins anew: the journal of the run of \S+Z, which was cut short, is damaged", answer)
     assert runs.poses == [1, 2, 3]

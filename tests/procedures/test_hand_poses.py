@@ -146,7 +146,7 @@ def test_an_operator_who_skips_everything_or_is_not_there_ends_it_with_the_reaso
 ) -> None:
     with pytest.raises(TurntableError, match="every known angle was skipped"):
         by_hand("s", "s", "s")
-    with pytest.raises(OperatorAbsentError, match="3 answers were not a heading"):
+    with pytest.raises(OperatorAbsentError, match="3 answers were no heading"):
         by_hand("", "north", "nan", "361")
     with pytest.raises(KeyboardInterrupt, match="the operator stops, with 1 of 3 known angles taken"):
         by_hand("", "q")
@@ -206,7 +206,7 @@ def test_a_board_that_never_stands_still_is_asked_for_again(
         mounting_yaw_deg=0.0,
         readings=8,
     )
-    assert re.match(r"the board is not still: the field changed by \d+\.\d uT\.\npose 1: ", asked[1])
+    assert re.match(r"the board does not stand still: the field changed by \d+\.\d uT\.\npose 1: ", asked[1])
 
 
 def test_noise_is_no_movement_and_a_degree_of_tilt_is_one(virtual_board: Board) -> None:

@@ -83,7 +83,7 @@ def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a
     assert re.fullmatch(r"board \d+\.\d deg, still; 0 of 3", then)
     assert re.fullmatch(r"board \d+\.\d deg, still; 2 of 3, \d+ s left", hand.beside[8])
     assert float(then.split()[1]) == pytest.approx(result.heading_deg["firmware"][0], abs=2.0)  # noise of three lines
-    assert "A stopped run starts again" in hand.asked[0]
+    assert "A run that is stopped begins anew" in hand.asked[0]
 
 
 def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: Board) -> None:
@@ -99,9 +99,7 @@ def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: Board) -> None:
 def test_an_operator_who_skips_everything_or_stops_ends_it_with_what_becomes_of_the_run(compass: Board) -> None:
     with pytest.raises(TurntableError, match="every known angle was skipped"):
         measured(compass, Hand(compass, "s", "s", "s"))
-    with pytest.raises(
-        KeyboardInterrupt, match="stops, with 1 of 3 known angles taken; the repeated command starts again"
-    ):
+    with pytest.raises(KeyboardInterrupt, match="stops, with 1 of 3 known angles taken; the same command begins anew"):
         measured(compass, Hand(compass, "", "q"))
 
 
@@ -141,7 +139,7 @@ def test_a_board_that_never_stands_is_asked_for_again_where_its_vectors_show_it(
     hand = Hand(board, then=turn_on, looks=2)
     result = measured(board, hand, POSES[:1])
     if says_vectors:
-        assert re.match(r"the board is not still: the field changed by \d+\.\d uT\. pose 1: ", hand.asked[1])
+        assert re.match(r"the board does not stand still: the field changed by \d+\.\d uT\. pose 1: ", hand.asked[1])
         assert result.unsettled == 0
     else:
         assert len(hand.asked) == 2

@@ -42,7 +42,7 @@ def test_nonsense_is_asked_again_and_then_given_up() -> None:
     assert table.turn_to(Pose(10.0)).heading_deg == 12.0
     assert len(asked) == 3
     _, prompt = answers("north", "361", "inf")
-    with pytest.raises(OperatorAbsentError, match="3 answers were not a heading"):
+    with pytest.raises(OperatorAbsentError, match="3 answers were no heading"):
         OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).turn_to(Pose(10.0))
 
 

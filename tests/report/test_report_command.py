@@ -215,7 +215,7 @@ def changed(content: Any, place: list[str | int], value: object) -> Any:
         (["measurements", 0, "value"], [1], "measurements.0.value"),
         (["measurements", 0, "outcome"], "fine", "measurements.0.outcome"),
         (["measurements", 0, "limit"], {"min": 2, "max": 1}, "limit min 2.0 is above its max 1.0"),
-        (["measurements", 1, "name"], "board.wall_seconds", 'measurement "board.wall_seconds" stands twice'),
+        (["measurements", 1, "name"], "board.wall_seconds", 'measurement "board.wall_seconds" appears twice'),
         (["verdict", "complete"], "no", "verdict.complete"),
         (["verdict", "exit_code"], 1.5, "verdict.exit_code"),
         (["tables", 0, "rows", 2], [1], "row 3: 1 cells in"),
@@ -321,7 +321,7 @@ def test_a_folder_without_a_record_is_a_usage_error(tmp_path: Path, capsys: pyte
     assert report(tmp_path) == 4
     assert report(tmp_path / "gone") == 4
     errors = capsys.readouterr().err.splitlines()
-    assert errors[0].startswith(f"ERROR: {tmp_path}: no record of a run: neither {RUN_FILE} nor a line in")
+    assert errors[0].startswith(f"ERROR: {tmp_path} has no record of a run: neither {RUN_FILE} nor a line in")
     assert errors[1].startswith(f"ERROR: {tmp_path / 'gone'}: No such file")
 
 

@@ -67,7 +67,7 @@ def test_values_and_commands_stand_in_tables_of_their_own(tmp_path: Path) -> Non
             "rol",
             "values.rol: is not a quantity; did you mean 'roll'?",
         ),
-        (FIELD, f'[device.text.values]\nroll = {{unit="T"}}{FIELD}', "roll", "values.roll.unit: 'T' is no unit"),
+        (FIELD, f'[device.text.values]\nroll = {{unit="T"}}{FIELD}', "roll", "values.roll.unit: 'T' is not a unit"),
         (FIELD, f"[device.text.values]\nroll = {{unit='count'}}{FIELD}", "roll", "'count' needs a scale"),
         (FIELD, f"[device.text.commands]\npoze = ''{FIELD}", "poze", "'poze'; did you mean 'pose'?"),
         ('kind = "text"', 'kind = "fsflk"', 'kind = "fsflk"', 'device.kind: must be "text", or have it in a list'),

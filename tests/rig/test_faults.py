@@ -76,8 +76,8 @@ def test_faults_are_one_of_the_conditions_and_none_leaves_them_as_they_were(tmp_
 @pytest.mark.parametrize(
     ("table", "key", "words"),
     [
-        ("", "faults.seed", "names no fault"),
-        ("seed = 2", "faults.seed", "names no fault"),
+        ("", "faults.seed", "has no fault"),
+        ("seed = 2", "faults.seed", "has no fault"),
         ("lose = 1.5", "faults.lose", "is a probability"),
         ("flip = -0.1", "faults.flip", "is a probability"),
         ("lose = 0.5\nflip = 0.6", "faults.lose", "exceed 1"),

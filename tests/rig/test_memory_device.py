@@ -51,7 +51,7 @@ def test_a_server_is_a_host_and_a_port(server: str, address: tuple[str, int]) ->
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "names no quantity"),
+        ("", "has no quantity"),
         ('server = "3333"\n[values]\nheading = { path = "h" }', "is host:port of a GDB server"),
         ('server = "localhost:0"\n[values]\nheading = { path = "h" }', "is host:port of a GDB server"),
         ('server = "localhost:99999"\n[values]\nheading = { path = "h" }', "is host:port of a GDB server"),

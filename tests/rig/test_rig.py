@@ -201,7 +201,7 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("strength_ut = 48.5", "strength_ut = -1", "field.strength_ut", "must be above 0"),
         ('kind = "simulated"', 'kind = "simulated"\ntumble_s = 0.0', "turntable.tumble_s", "must be above 0"),
         ("strength_ut = 48.5", "strength_ut = nan", "field.strength_ut", "finite number"),
-        ("dip_deg = 62.0", "dip_deg = 90", "field.dip_deg", "no heading"),
+        ("dip_deg = 62.0", "dip_deg = 90", "field.dip_deg", "headings are undefined"),
         ("strength_ut = 48.5", "", "field.strength_ut", "is missing"),
         ("schema = 1", "schema = 2", "schema", "should be 1"),
         ("readings_per_pose = 16", "readings_per_pose = 16.5", "procedure.readings_per_pose", "valid integer"),

@@ -59,7 +59,7 @@ def test_what_is_gone_is_accepted_by_the_commands_that_it_says(changed: Changed,
     base, new, file = changed("base"), changed("new", values={"heading.direct.max": None}), tmp_path / "kept.json"
     done = hiltest("compare", base, new)
     assert done.returncode == 22
-    line = next(each for each in done.stdout.splitlines() if "measurement gone" in each)
+    line = next(each for each in done.stdout.splitlines() if "measurement missing" in each)
     for command in re.findall(r"`hiltest ([^`]*)`", line):
         words = [{"FILE": str(file), "TEXT": "no more"}.get(part, part) for part in shlex.split(command)]
         assert hiltest(*words).returncode == 0, command

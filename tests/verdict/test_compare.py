@@ -228,7 +228,7 @@ def test_a_limit_that_the_change_under_test_drops_still_says_which_way_is_better
     base, new = over_seeds("compass.lag", 4.0, limit=Limit(max=9)), over_seeds("compass.lag", 5.0)
     result = only(base, new)
     assert (result.change, result.sense) == (Change.WORSE, Better.LOWER)
-    assert result.note == "its limit at most 9 was removed"
+    assert result.note == "its limit was at most 9, and was removed"
 
 
 def test_a_bias_that_only_turns_its_sign_is_neither_better_nor_worse() -> None:
@@ -331,7 +331,7 @@ def test_what_is_no_number_never_makes_a_pass(nothing: float | None) -> None:
 def test_a_number_that_is_too_large_to_compare_is_an_obstacle(base: float, new: float, seeds: int) -> None:
     name = "heading.direct.max"
     comparison = compare(over_seeds(name, *[base] * seeds), over_seeds(name, *[new] * seeds))
-    assert comparison.obstacles[0].startswith(f"measurement missing: {name} (a number beyond 1e+100 is none")
+    assert comparison.obstacles[0].startswith(f"measurement missing: {name} (numbers beyond 1e+100 cannot")
     assert asdict(comparison)["differences"][0]["delta"] is None
 
 
@@ -443,7 +443,7 @@ def test_what_a_result_leaves_nothing_to_measure_of_is_changed_and_what_just_van
 def test_what_the_base_held_to_a_limit_is_gone_whatever_the_reason() -> None:
     base = over_seeds("heading.direct.max", 0.9, limit=Limit(max=1.8))
     comparison = compare(base, evidence([without("heading.direct.max", "nobody asked")]))
-    assert comparison.obstacles[0].startswith("measurement missing: heading.direct.max (nobody asked; its limit")
+    assert comparison.obstacles[0].startswith("measurement missing: heading.direct.max (nobody asked; its limit was")
     assert comparison_code(comparison) == 22
 
 
@@ -489,7 +489,7 @@ def test_the_sentence_begins_with_the_answer() -> None:
     assert compare(*chosen).sentence == f"May be merged as far as the chosen tests show {against}: 1 unchanged."
     gone = compare(base, evidence([]))
     cannot = "Cannot say whether it may be merged"
-    assert gone.sentence.startswith(f"{cannot} {against}: measurement missing: cycles.direct.total; bring it back")
+    assert gone.sentence.startswith(f"{cannot} {against}: measurement missing: cycles.direct.total; restore it")
     assert not_compared("old.json", "old.json: no such file", base).sentence == (
         f"{cannot} (against old.json): old.json: no such file."
     )
@@ -656,7 +656,7 @@ def test_what_a_run_did_not_come_to_is_not_taken_and_no_wall_of_what_is_gone(cho
     assert len(comparison.differences_with(Change.NOT_TAKEN)) == 7
     assert (len(comparison.obstacles), comparison_code(comparison)) == (2, 22)
     assert any(
-        ("only chosen tests ran, and 7 measurements of" if chosen else "interrupted") in obstacle
+        ("only chosen tests ran, without 7 measurements of" if chosen else "interrupted") in obstacle
         for obstacle in comparison.obstacles
     )
     both = compare(replace(base, chosen=True), replace(new, chosen=True, faults=()))

@@ -161,7 +161,7 @@ def test_cycles_that_another_model_counted_are_no_further_reason_and_others_that
     assert reason.startswith(f"another cycle model: {MODEL} before, dwt now")
     del otherwise["cycles.x.total"]
     _, gone = compare(base, replace(new, measurements={1: otherwise})).obstacles
-    assert gone.startswith("measurement missing: cycles.x.total; bring it back")
+    assert gone.startswith("measurement missing: cycles.x.total; restore it")
 
 
 def test_of_two_firmwares_in_one_session_no_baseline_is_to_be_renewed() -> None:
@@ -302,7 +302,7 @@ def test_where_no_board_answered_that_alone_is_the_reason(changed: Changed) -> N
         "no board answered; run it again",
     ]
     without = compared(changed("base"), changed("without", {"board": None, "measurements": []})).obstacles
-    assert [item.partition(": ")[0] for item in without if "gone" not in item] == ["another kind of board"]
+    assert [item.partition(": ")[0] for item in without if "missing" not in item] == ["another kind of board"]
 
 
 def test_where_no_seed_left_a_record_the_reason_of_that_is_the_only_one(changed: Changed) -> None:
@@ -331,7 +331,7 @@ def on_seed_1(**outcomes: str) -> dict[int | None, dict[str, TestOutcome]]:
         (
             {"test_a": "passed", "test_b": "passed", "test_c": "passed"},
             {"test_b": "passed", "test_c": "skipped"},
-            "test_a passed before and did not run now, and so 1 more; let them run",
+            "test_a passed before and did not run now, and 1 more; let them run",
         ),
     ],
 )

@@ -50,19 +50,19 @@ frame = "ned"        # not in an ELF: ned, android, windows or enu (docs/compass
 """
 _NXP_DEVICE = """start_s = 2.0
 tumbles = 2
-converge_s = 60.0    # its filter finds the gyroscope's offset
+converge_s = 60.0    # time for the filter to find the gyroscope's offset
 """
 _RELEASE = """
 [device.fsflk]
 release = "{}"        # 7, 5.00 or 4.22"""
-_NO_DEVICE = """# Nothing in the ELF is surely a heading. Without a table [device] the firmware is taken for one that
-# speaks hiltest's protocol. Say how yours is understood: docs/compass.md lists the kinds.
+_NO_DEVICE = """# No name or text in the ELF is certainly a heading. Without a table [device], hiltest expects firmware
+# with its own protocol. Describe the output of yours: docs/compass.md lists the kinds.
 # [device]
 # kind = "text\""""
 _WORDS = {
     Kind.FSFLK: "packets of NXP's Sensor Fusion",
-    Kind.TEXT: "lines that it prints",
-    Kind.MEMORY: "variables, by their names",
+    Kind.TEXT: "printed lines",
+    Kind.MEMORY: "variables by name",
 }
 
 
@@ -149,7 +149,7 @@ def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
     kinds = proposals.kinds
     if choose is None or len(kinds) < 2:
         return next(iter(kinds), None)
-    return kinds[choose("Its heading is taken from", [_WORDS[kind] for kind in kinds])]
+    return kinds[choose("Source of the heading", [_WORDS[kind] for kind in kinds])]
 
 
 def rig_text(
@@ -166,18 +166,18 @@ def rig_text(
     choose
         Asks the user; None without a user: only sure candidates are used.
     """
-    remark = f"# Not all was seen: {_legible(proposals.remark)}\n" if proposals.remark else ""
+    remark = f"# Incomplete: {_legible(proposals.remark)}\n" if proposals.remark else ""
     world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(_WORLD)})\]$", part)]
     counted = [f"{function} = {json.dumps(function)}" for function in proposals.functions]
     parts = [
-        f"# {name}: proposed by hiltest from an ELF's names and texts. What is only guessed is a comment, best first.\n"
-        f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: change them to your board's.\n"
+        f"# {name}: proposed by hiltest from an ELF's names and texts. Guesses are comments, best first.\n"
+        f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: replace them by your board's.\n"
         f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
         f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}',
         *_device(proposals, kind, choose),
         *world,
-        *(["\n".join(["# Counted while they run.", "[cycles]", *counted])] if counted else []),
-        '[limits]\n"heading.firmware.max" = { max = 2.0, unit = "deg" }      # set what yours has to reach',
+        *(["\n".join(["# Functions whose cycles are counted.", "[cycles]", *counted])] if counted else []),
+        '[limits]\n"heading.firmware.max" = { max = 2.0, unit = "deg" }      # your requirement',
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -215,7 +215,7 @@ def _used_candidate(candidates: Sequence[Candidate], choose: Choose | None) -> C
     if number == len(candidates) or not candidates[number].needs_unit:
         return candidates[number] if number < len(candidates) else None
     candidate, units = candidates[number], unit_words(quantity.unit)
-    number = choose(f"its unit is (of {candidate.written})", [*units, "not known, or counts"])
+    number = choose(f"unit of {candidate.written}", [*units, "unknown, or counts"])
     return _with_unit(candidate, units[number]) if number < len(units) else None
 
 
@@ -233,7 +233,7 @@ def _entries(candidates: Candidates, choose: Choose | None) -> Iterator[tuple[Ca
             is_used = used is not None and candidate.written == used.written
             doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
             if candidate.needs_unit and not (is_used and choose is not None):
-                doubt = f"{quantity.unit}? it does not say"
+                doubt = f"{quantity.unit}? not stated"
             entry = used if is_used and used is not None else _with_unit(candidate)
             yield entry, "" if is_used else "# ", "; ".join(filter(None, (candidate.reason, doubt)))
 
@@ -258,7 +258,7 @@ def _patterns(candidates: Candidates, choose: Choose | None) -> _Table:
         if candidate.meaning.unit:
             units.append(f'{comment}{candidate.meaning.quantity.key} = {{ unit = "{candidate.meaning.unit}" }}')
         has_heading |= not comment and candidate.meaning.quantity is Quantity.HEADING
-    error = "# error = '^ERROR (?P<error>.*)'             # what a line that reports an error looks like"
+    error = "# error = '^ERROR (?P<error>.*)'             # pattern of a line that reports an error"
     text = ["[device.text]", "patterns = [", *lines, "]", error, "", "[device.text.values]", *dict.fromkeys(units)]
     return _Table("\n".join(text) if lines else "", has_heading)
 

@@ -26,11 +26,11 @@ _STILL_SIGMAS = 4.4
 # rms of one reading of a still accelerometer, as in the six faces; a larger measured spread takes precedence.
 _ACCELEROMETER_NOISE_MG = 1.3
 _NAMED_AT_MOST = 3
-BEGINS_ANEW = "A stopped run starts again, since this firmware does not report its state.\n"
+BEGINS_ANEW = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 """Note before the first question about firmware that does not identify its build or its calibration."""
 _ORDERS = (
-    "Enter takes the heading at the angle that is asked for, a number states the angle that was reached; r "
-    "repeats the last one, s skips, b goes back, q stops.\n"
+    "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
+    "r takes the last one again, s skips, b goes back, q stops.\n"
 )
 
 
@@ -240,11 +240,11 @@ def walk_by_hand(
             nonsense += 1
             if nonsense == QUESTIONS:
                 raise OperatorAbsentError(
-                    f"{QUESTIONS} answers were not a heading between -360 and 360: check that an operator is present"
+                    f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?"
                 )
             continue
         elif moved := take(at, heading_deg):
-            message = f"the board is not still: {moved}.\n"
+            message = f"the board does not stand still: {moved}.\n"
         else:
             walk.take()
         nonsense = 0
@@ -288,7 +288,7 @@ def take_by_hand(
         look=reader.glance if reader.may_glance else None,
         now_s=reader.now_s,
         say=message if reader.can_go_on else BEGINS_ANEW,
-        stopped="repeat the command to continue" if reader.can_go_on else "the repeated command starts again",
+        stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
     )
     return dict(sorted(readings.items()))
 

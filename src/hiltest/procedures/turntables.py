@@ -224,9 +224,7 @@ class OperatorTurntable:
             heading_deg = heading_of(self.ask(question), pose.heading_deg)
             if heading_deg is not None:
                 return self.achieved(pose, heading_deg)
-        raise OperatorAbsentError(
-            f"{QUESTIONS} answers were not a heading between -360 and 360: check that an operator is present"
-        )
+        raise OperatorAbsentError(f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
 
     def achieved(self, pose: Pose, heading_deg: float) -> Achieved:
         """Return the reached pose at the operator's heading."""
@@ -243,10 +241,9 @@ class OperatorTurntable:
         """Ask the operator to tumble the board, at the pace of a hand."""
         takes_s = max(duration_s, self._tumble_s)
         self.ask(
-            f"take the board in your hand, away from iron. Turn it in all directions for {takes_s:.0f} s: each of "
-            "its six "
+            f"take the board in your hand, away from iron. Turn it all round for {takes_s:.0f} s: each of its six "
             f"sides and eight corners down once, about {takes_s / 15:.0f} s each. "
-            f"{'The covered part of the sphere is shown. ' if self._shows_coverage else ''}Enter to begin: "
+            f"{'How much of the sphere is seen is shown. ' if self._shows_coverage else ''}Enter to begin: "
         )
         return takes_s
 
@@ -332,7 +329,7 @@ def open_turntable(
     if board.stage is not None:
         return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
     if prompt is None:
-        raise OperatorAbsentError("a real board needs an operator to turn it, and no operator can be asked")
+        raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
     return OperatorTurntable(
         prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s, shows_coverage=board.answers_requests
     )

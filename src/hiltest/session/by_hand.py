@@ -79,10 +79,10 @@ class ByHand:
         others = sorted(name for name in now.keys() | self._held.keys() if now.get(name) != self._held.get(name))
         if self._poses and not others:
             count = format_count(len(self._poses), "known angle")
-            return self._poses, f"{count} reused from the run of {self._since}.\n"
+            return self._poses, f"{count} of the run of {self._since}, taken over.\n"
         self._keep(held=now)
         return {}, "" if not self._poses else (
-            f"The known angles start again: the calibration {join_words(others, _NAMED_AT_MOST)} differs from the "
+            f"The known angles begin anew: the calibration {join_words(others, _NAMED_AT_MOST)} is another than in the "
             f"run of {self._since}.\n"
         )
 
@@ -101,16 +101,16 @@ class ByHand:
         run = f"the run of {self._since}, which was cut short"
         before = entries[0].get("bench")
         if not isinstance(before, dict):
-            return f"starts again: the journal of {run}, is damaged"
+            return f"begins anew: the journal of {run}, is damaged"
         others = [name for name, now in self._bench.items() if before.get(name) != now]
         if others:
-            return f"starts again instead of continuing {run}: another {join_words(others, _NAMED_AT_MOST)}"
+            return f"begins anew, and does not go on with {run}: another {join_words(others, _NAMED_AT_MOST)}"
         try:
             for entry in entries[1:]:
                 self._restore(entry)
         except (LookupError, TypeError, ValueError):
             self._tumble, self._faces, self._poses, self._held = None, ([], 0), {}, {}
-            return f"starts again: the journal of {run}, is damaged"
+            return f"begins anew: the journal of {run}, is damaged"
         steps = [
             *(["the six faces"] if self._faces[0] else []),
             *(["the tumble"] if self._tumble else []),
@@ -118,7 +118,7 @@ class ByHand:
         ]
         for entry in entries[1:]:  # written again, since this run may be stopped before it reaches them
             self._keep(**{name: value for name, value in entry.items() if name != "kind"})
-        return f"continues {run}: {', '.join(steps)} reused" if steps else ""
+        return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""
 
     def _restore(self, entry: Mapping[str, Any]) -> None:
         if "tumble" in entry:

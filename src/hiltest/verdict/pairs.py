@@ -78,7 +78,7 @@ class Pairs:
         if not edited:
             return ""
         before, after = edited[0]
-        return f"its limit {before} was removed" if after is None else f"its limit was {before} in the base"
+        return f"its limit was {before}, and was removed" if after is None else f"its limit was {before} in the base"
 
     @property
     def limit_loosened(self) -> bool:
