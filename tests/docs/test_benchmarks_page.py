@@ -17,7 +17,6 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
 (COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
 (TABLE,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
-(SUITE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
 MODULES = {"hiltest": "hiltest", "pytest": "pytest", "pytest-benchmark": "pytest_benchmark"}
 
 

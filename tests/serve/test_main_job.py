@@ -16,9 +16,6 @@ from hiltest.rig.bench_files import shipped
 
 from .conftest import Serve
 
-# The run takes two minutes: the table turns in wall time.
-RUN_LIMIT_S = 1200.0
-
 
 @contextmanager
 def busy(processes: int) -> Iterator[None]:
