@@ -49,18 +49,25 @@ class Finished:
         return sentence
 
 
-def run_hiltest(folder: Path, *arguments: str) -> Finished:
-    """Run ``hiltest run`` in a folder, with no setting from outside."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", *arguments],
+def run_module(
+    *words: str, folder: Path, environment: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run ``python -m`` with `words` in a folder, by default without the settings of this process."""
+    return subprocess.run(
+        [sys.executable, "-m", *words],
         cwd=folder,
-        env=environment,
+        env=environment or {name: value for name, value in os.environ.items() if not name.startswith("HIL_")},
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         check=False,
         timeout=WALL_LIMIT_S,
     )
+
+
+def run_hiltest(folder: Path, *arguments: str) -> Finished:
+    """Run ``hiltest run`` in a folder, with no setting from outside."""
+    done = run_module("hiltest", "run", *arguments, folder=folder)
     return Finished(done.returncode, done.stdout, done.stderr, folder / "hil-out")
 
 

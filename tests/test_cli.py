@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,6 @@ import click
 import pytest
 
 from hiltest import commands
-from hiltest.boards import default_firmware
 from hiltest.commands.cli import every_command
 from hiltest.run_record.exit_codes import WORDS, ExitCode
 from hiltest.run_record.reader import read_record
@@ -123,11 +121,6 @@ def test_help_shows_every_command_in_a_group_with_a_whole_sentence(tmp_path: Pat
     lines = dict(re.findall(r"^  ([a-z][a-z ]*?)  +(.+)$", told, re.M))
     assert lines.keys() == {path.stem.replace("_", " ") for path in COMMANDS.glob("[!_]*.py")} - {"cli", "options"}
     assert [line for line in lines.values() if not line.endswith(".") or line.endswith("...")] == []
-
-
-def test_help_names_both_files_that_a_measured_profile_may_be_written_to(tmp_path: Path) -> None:
-    told = " ".join(in_process.hiltest("timing", "measure", "--help", folder=tmp_path).stdout.split())
-    assert "[default: silicon-<board id>.toml, for a virtual board virtual-<board id>.toml]" in told
 
 
 def test_a_file_name_that_is_no_text_is_told_all_the_same(tmp_path: Path) -> None:
@@ -251,18 +244,6 @@ def test_what_follows_two_dashes_goes_to_pytest(tmp_path: Path) -> None:
     assert result.returncode == 0
     assert "test_cycles.py::test_cycles_of_every_calibrator" in result.stdout
     assert "test_heading" not in result.stdout
-
-
-@pytest.mark.parametrize("look", ["--collect-only", "--fixtures"])
-@pytest.mark.parametrize("gate", [("--baseline", "base.json"), ("--against", "old.elf"), ()], ids=" ".join)
-def test_who_only_looks_at_tests_passes_no_gate(tmp_path: Path, gate: tuple[str, ...], look: str) -> None:
-    shutil.copy(default_firmware(), tmp_path / "old.elf")
-    result = hiltest("run", *gate, "--", look, "-q", folder=tmp_path)
-    assert result.returncode == (22 if gate else 0), result.stdout + result.stderr
-    last = result.stdout.rstrip().splitlines()[-1]
-    named = f"{gate[0]} is {gate[1]}" if gate else ""
-    assert (last == f"NOT EVALUATED: {named}, and no test ran, so there is nothing to compare.") is bool(gate)
-    assert not (tmp_path / "hil-out" / "run.json").exists()
 
 
 def test_the_suites_run_in_their_order(tmp_path: Path) -> None:

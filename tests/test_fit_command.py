@@ -90,27 +90,6 @@ def test_the_firmware_s_calibrators_are_run_and_their_cycles_counted(clouds: Pat
     assert fit("good.csv", "--json", folder=clouds).stdout == done.stdout
 
 
-def test_one_calibrator_can_be_chosen(clouds: Path) -> None:
-    done = fit("good.csv", "--json", "--on", "host", "--calibrator", "direct", folder=clouds)
-    assert [each["name"] for each in json.loads(done.stdout)["calibrators"]] == ["direct"]
-
-
-def test_people_get_a_table_with_reasons_and_notes(clouds: Path) -> None:
-    done = fit("cap.csv", folder=clouds)
-    for text in (
-        "cap.csv: 400 points, columns mx_uT, my_uT, mz_uT [uT]",
-        "verdict",
-        "refused",
-        "hard iron [uT]",
-        "cycles counted by cortex-m4-trm/2@sram",
-        "lowest",
-        "highest",
-        "is above 300 (refused): the points cover too little of the sphere",
-        "rounding moved a reading by",
-    ):
-        assert text in " ".join(done.stdout.split()), done.stdout
-
-
 def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("COLUMNS", raising=False)
     lines = fit("cap.csv", "--on", "host", folder=clouds).stdout.splitlines()

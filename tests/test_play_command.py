@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -80,24 +79,6 @@ def test_the_calibrators_find_the_hard_iron_and_the_headings_that_were_recorded(
         answered = [float(each) for each in headings[f"{0.25 * n + 0.125:.2f} s"]]
         # Counts of 0.1 uT and 0.5 mg, across a horizontal field of 26 uT, and what is left of the hard iron.
         assert max(abs(wrap_180(each - POSES[n].heading_deg)) for each in answered) < 0.5
-    assert output.err == ""
-
-
-@pytest.mark.ci
-def test_the_same_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    recording(tmp_path / "field.csv")
-    arguments = ["play", "--rig", rig(tmp_path), "--every", "6"]
-    assert run(*arguments) == 0
-    found, headings = tables(capsys.readouterr().out)
-    assert run(*arguments, "--json") == 0
-    output = capsys.readouterr()
-    said = json.loads(output.out)
-    assert (said["schema"], said["points"], said["moments_s"]) == ("hiltest.play/1", 300, [6.0, 12.0, 18.0, 24.0])
-    assert said["playing"].startswith("playing field.csv from 3.000 to 27.000 s")
-    assert [each["name"] for each in said["found"]] == found[""]
-    assert [f"{each['hard_iron_ut'][2]:.1f}" for each in said["found"]] == found["hard iron z [uT]"]
-    assert [f"{each['cycles']:,}".replace(",", " ") for each in said["found"]] == found["cycles"]
-    assert [f"{each['heading_deg'][1]:.1f}" for each in said["found"]] == headings["12.00 s"]
     assert output.err == ""
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -115,20 +114,3 @@ def test_ctrl_c_ends_it_and_leaves_no_file(
     assert ended.code == 2, ended.shown
     assert ended.shown.rstrip().endswith("interrupted")
     assert [path.name for path in folder.iterdir()] == [operators_rig_file.name]
-
-
-def test_without_a_terminal_it_says_that_nobody_can_be_asked(
-    pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path
-) -> None:
-    done = subprocess.run(
-        command(operators_rig_file, pty_board(rig).path),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=90,
-        cwd=operators_rig_file.parent,
-        check=False,
-    )
-    assert done.returncode == 20, done.stdout
-    assert "no operator answered at the terminal" in done.stderr
-    assert [path.name for path in operators_rig_file.parent.iterdir()] == [operators_rig_file.name]

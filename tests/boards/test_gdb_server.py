@@ -104,19 +104,6 @@ def state(machine: VirtualK64F) -> tuple[object, ...]:
     return machine.cycles, machine.instructions, machine.time_s, bytes(machine.processor.memory.sram.view)
 
 
-def test_counts_with_a_server_and_a_client_that_halts_nothing_are_those_without(elf: Path, debugged: Debugged) -> None:
-    alone = VirtualK64F(elf)
-    alone.run_until(UNTIL_S)
-    with started(debugged) as client:
-        client.send(b"vCont;c")
-        debugged.ended()
-        assert state(debugged.machine) == state(alone)
-        assert alone.instructions > 10_000
-        debugged.machine.run_until(2 * UNTIL_S)  # goes on: nobody has asked it to halt
-    alone.run_until(2 * UNTIL_S)
-    assert state(debugged.machine) == state(alone)
-
-
 def test_counts_stay_when_the_board_is_halted_again_and_again_at_moments_of_the_hosts_choice(
     elf: Path, debugged: Debugged
 ) -> None:

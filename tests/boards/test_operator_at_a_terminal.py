@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -135,19 +134,3 @@ def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
     assert [row[0] for row in poses["rows"]] == [0, 90, 180]
     assert "1 of 4 known angles not measured: heading 270, pitch +0, roll +0" in record["verdict"]["sentence"]
     assert not (folder / "out" / "journal.jsonl").exists()
-
-
-def test_without_a_terminal_the_run_says_that_nobody_can_be_asked(
-    pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path
-) -> None:
-    done = subprocess.run(
-        command(operators_rig_file, pty_board(rig).path),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=90,
-        cwd=operators_rig_file.parent,
-        check=False,
-    )
-    assert done.returncode == 20, done.stdout
-    assert "no operator answered at the terminal" in done.stdout

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from tests.finished_run import run_module
 
 from hiltest.boards import VirtualBench, open_board
 from hiltest.boards.bench import default_firmware
@@ -524,14 +523,7 @@ def test_only_a_chip_is_called_silicon() -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_found(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", "timing", "measure", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     name = f"virtual-{VIRTUAL_UNIQUE_ID.hex()}"
     rows = tomllib.loads((tmp_path / f"{name}.toml").read_text(encoding="utf-8"))["cost"]
@@ -564,14 +556,7 @@ OF_THIS_BOARD = f'name = "{MEASURED}"\nbase = "{DEFAULT_PROFILE}"\n[measured.sra
 def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path, text: str, code: int) -> None:
     file = tmp_path / "x.toml"
     file.write_text(text, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "x.toml"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", "timing", "measure", "--out", "x.toml", folder=tmp_path)
     assert done.returncode == code, done.stderr
     assert (file.read_text(encoding="utf-8") == text) is bool(code)
     refused = f"x.toml exists, is not a measured profile {MEASURED}, and is not overwritten"
@@ -596,14 +581,7 @@ def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(
 
 @pytest.mark.slow
 def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", os.devnull],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", "timing", "measure", "--out", os.devnull, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "fp_accumulate" in done.stdout
     assert not list(tmp_path.iterdir())
@@ -611,13 +589,6 @@ def test_who_only_wants_to_see_the_clocks_writes_them_nowhere(tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "timing", "measure", "--out", "gone/x.toml"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", "timing", "measure", "--out", "gone/x.toml", folder=tmp_path)
     assert done.returncode == 4
     assert "cannot write gone/x.toml: No such file or directory; name another file" in done.stderr

@@ -8,10 +8,10 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.boards import default_firmware
 from hiltest.session.settings import run_options
@@ -46,15 +46,7 @@ def bench(tmp_path: Path) -> Path:
 def hiltest(folder: Path, command: str) -> subprocess.CompletedProcess[str]:
     """Run a command as it would be typed."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", *shlex.split(command)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env={**environment, "COLUMNS": "200"},
-    )
+    return run_module("hiltest", *shlex.split(command), folder=folder, environment={**environment, "COLUMNS": "200"})
 
 
 @pytest.mark.parametrize("seeds", ["", " --seeds 1..1"], ids=["run", "campaign"])

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.verdict.evidence_reader import read_evidence
 
@@ -73,14 +72,12 @@ def run(folder: Path, *arguments: str) -> tuple[int, str, str]:
     """Return exit code, what was printed, and the job's summary."""
     summary = folder / "summary.md"
     kept = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env={**kept, "GITHUB_STEP_SUMMARY": str(summary), "GITHUB_ACTIONS": "true"},
+    done = run_module(
+        "hiltest",
+        "run",
+        *arguments,
+        folder=folder,
+        environment={**kept, "GITHUB_STEP_SUMMARY": str(summary), "GITHUB_ACTIONS": "true"},
     )
     return done.returncode, done.stdout + done.stderr, summary.read_text(encoding="utf-8")
 

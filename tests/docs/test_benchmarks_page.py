@@ -6,11 +6,10 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.boards import default_firmware
 
@@ -18,7 +17,6 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
 (COMMANDS,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
 (TABLE,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.M | re.S)
-(SUITE,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.M | re.S)
 MODULES = {"hiltest": "hiltest", "pytest": "pytest", "pytest-benchmark": "pytest_benchmark"}
 
 
@@ -29,15 +27,7 @@ def run(command: str, folder: Path, **more: str) -> str:
         shutil.copy(*(folder / argument for argument in arguments))
         return ""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")} | more
-    done = subprocess.run(
-        [sys.executable, "-m", MODULES[program], *arguments],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=240,
-    )
+    done = run_module(MODULES[program], *arguments, folder=folder, environment=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -66,27 +56,3 @@ def test_the_same_firmware_compares_as_the_same(printed: list[str]) -> None:
     assert [line.split()[1:] for line in pairs] == [
         [f"({name})", "10,844.0000", "(1.0)", "10,844.0000", "(1.0)"] for name in ("new", "old")
     ]
-
-
-def test_the_suite_of_one_s_own_runs_as_it_stands(tmp_path: Path) -> None:
-    (tmp_path / "test_mine.py").write_text(SUITE, encoding="utf-8")
-    output = run("pytest -q test_mine.py --benchmark-columns=min,rounds", tmp_path)
-    assert "benchmark 'crc32, cycles of " in output
-    assert "benchmark 'direct, cycles of cortex-m4-trm/2@sram': 1 tests" in output
-
-
-def test_the_commands_of_the_readme_compare_what_was_run_in_the_repository(tmp_path: Path) -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert "`pytest hil/benchmarks`" in readme
-    assert "`pytest-benchmark compare`" in readme
-    shutil.copytree(ROOT / "hil" / "benchmarks", tmp_path / "hil" / "benchmarks")
-    shutil.copy(ROOT / "conftest.py", tmp_path)
-    (tmp_path / "tests").mkdir()
-    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path / "tests")  # pytest-benchmark loads it too
-    for _ in range(2):
-        run("pytest hil/benchmarks", tmp_path, PYTEST_ADDOPTS="-k tilt_heading")
-    compared = run("pytest-benchmark compare", tmp_path)
-    assert "Name (time in cycles)" in compared
-    cycles = [re.findall(r"[\d,]+\.\d+", line)[0] for line in compared.splitlines() if line.startswith("test_tilt")]
-    assert len(cycles) == 2
-    assert len(set(cycles)) == 1

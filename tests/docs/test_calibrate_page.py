@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.procedures.imu_calibration import AccelerometerPart, GyroscopePart, MagnetometerPart
 from hiltest.procedures.imu_calibration.calibration_file import load_calibration
@@ -29,18 +27,8 @@ PARTS = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a reader has run the page's commands."""
     path = tmp_path_factory.mktemp("reader")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     for command in COMMANDS.splitlines():
-        done = subprocess.run(
-            [sys.executable, "-m", *shlex.split(command)],
-            cwd=path,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=300,
-        )
+        done = run_module(*shlex.split(command), folder=path)
         assert done.returncode == 0, done.stdout + done.stderr
     return path
 

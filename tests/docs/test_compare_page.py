@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
-import sys
 from configparser import ConfigParser
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.measurement import Tolerance
 from hiltest.rig.rig_file import load_rig
@@ -22,16 +21,7 @@ COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S
 
 
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    return subprocess.run(
-        [sys.executable, "-m", *shlex.split(command)],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    return run_module(*shlex.split(command), folder=folder)
 
 
 @pytest.fixture(scope="module")

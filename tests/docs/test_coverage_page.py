@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.virtual.coverage.lcov import Coverage, from_lcov
 
@@ -21,16 +22,7 @@ ONE_TEST = ("--", "-k", "identity")
 
 
 def run(command: str, folder: Path) -> str:
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", *shlex.split(command), *ONE_TEST],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    done = run_module(*shlex.split(command), *ONE_TEST, folder=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

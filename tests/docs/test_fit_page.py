@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.calibration.acceptance import BOUNDS, Acceptance
 
@@ -37,14 +38,7 @@ def _truth() -> tuple[np.ndarray, np.ndarray]:
 
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     _, *arguments = shlex.split(command)
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    return run_module("hiltest", *arguments, folder=folder)
 
 
 def test_the_commands_do_what_the_page_says(folder: Path) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
+
+from tests.finished_run import run_module
 
 PAGE = (Path(__file__).parents[2] / "docs" / "fusion.md").read_text(encoding="utf-8")
 (COMMAND,) = re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S)
@@ -16,16 +15,7 @@ ROWS = re.findall(r"^\| `(fusion[a-z._]*)`" + r" \| ([0-9.]+)" * 4 + r" \|$", PA
 
 
 def test_the_command_measures_what_the_page_says(tmp_path: Path) -> None:
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", *shlex.split(COMMAND)],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=240,
-    )
+    done = run_module(*shlex.split(COMMAND), folder=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))["measurements"]
     measured = {each["name"]: each["value"] for each in found}

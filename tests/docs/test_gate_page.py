@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.session.settings import OPTIONS
 
@@ -23,16 +21,7 @@ SUITE = "def test_current(measure, board):\n    measure('lamp.current', 2.0, 'mA
 
 def run(command: str, folder: Path) -> str:
     """Run a command of the page, which must end with 0; return what it printed, unfolded."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", *shlex.split(command)],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    done = run_module(*shlex.split(command), folder=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return " ".join(done.stdout.split())
 

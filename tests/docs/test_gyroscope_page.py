@@ -6,10 +6,10 @@ import json
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.measurement import KINDS
 
@@ -19,14 +19,7 @@ COMMANDS = [line for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.M | re.S
 
 def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     _, *arguments = shlex.split(command)
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=240,
-    )
+    return run_module("hiltest", *arguments, folder=folder)
 
 
 def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:

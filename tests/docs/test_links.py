@@ -1,4 +1,4 @@
-"""Links between the pages lead to files and headings that are there, and the index has every page."""
+"""Links between the pages lead to files and headings, and no page or option of a command is missing."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.commands.cli import every_command
+
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "firmware_stub").rglob("*.md")])
+
+PAGES_OF_COMMANDS = {name: name for name in ("bisect", "flash", "profile", "serve", "trend", "worst")}
+PAGES_OF_COMMANDS |= {"export": "trend", "report": "record"}
 
 
 def anchors(page: Path) -> set[str]:
@@ -23,10 +28,16 @@ def is_dead(page: Path, link: str) -> bool:
     return not target.exists() or bool(anchor and anchor not in anchors(target))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_link_leads_somewhere(page: Path) -> None:
-    links = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
-    assert [link for link in links if "://" not in link and is_dead(page, link)] == []
+def test_every_link_leads_somewhere() -> None:
+    links = [(page, link) for page in PAGES for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8"))]
+    assert [(page.name, link) for page, link in links if "://" not in link and is_dead(page, link)] == []
+
+
+@pytest.mark.parametrize(("command", "page"), PAGES_OF_COMMANDS.items())
+def test_the_page_of_a_command_names_its_options(command: str, page: str) -> None:
+    text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    options = [max(option.opts, key=len) for option in dict(every_command())[command].params]
+    assert [option for option in options if option.startswith("--") and option not in text] == []
 
 
 def test_the_index_has_every_page() -> None:

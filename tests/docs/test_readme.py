@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.commands.options import EXIT_CODES
 from hiltest.session.settings import OPTIONS
@@ -58,18 +59,11 @@ def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
         directions = np.random.default_rng(1).normal(size=(100, 3))
         readings_ut = 48.5 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + [10.0, -20.0, 5.0]
         np.savetxt(tmp_path / arguments[1], readings_ut, delimiter=",", header="x_ut,y_ut,z_ut", comments="")
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = run_module("hiltest", *arguments, folder=tmp_path)
     # A gate that no test runs for is no pass, and is told from an option or a file that is wrong, which is 4.
     gates = [f"{each[2:]} is {base}" for each, base in pairwise(arguments) if each in ("--baseline", "--against")]
     assert done.returncode == (22 if gates else 0), done.stdout + done.stderr
     assert all(f"{gate}, and no test ran" in done.stdout.rstrip().splitlines()[-1] for gate in gates)
-
-
-def test_every_file_that_is_linked_is_there() -> None:
-    links = [link for link in re.findall(r"\]\(([^)#]+)\)", README) if "://" not in link]
-    assert [link for link in links if not (ROOT / link).exists()] == []
 
 
 def _run_suite(folder: Path, suite: str) -> subprocess.CompletedProcess[str]:

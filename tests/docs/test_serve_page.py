@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.boards.gcode import Refusal
 from hiltest.boards.simulated_grbl import HELP
-from hiltest.commands.serve import serve
 from hiltest.rig.rig_file import load_rig
 
 ROOT = Path(__file__).parents[2]
@@ -65,14 +65,7 @@ def test_every_run_is_understood(tmp_path: Path) -> None:
     assert runs
     for command in runs:
         arguments = [*shlex.split(command)[1:], "--", "--collect-only", "-q"]
-        done = subprocess.run(
-            [sys.executable, "-m", "hiltest", *arguments],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=WALL_LIMIT_S,
-        )
+        done = run_module("hiltest", *arguments, folder=tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -84,11 +77,6 @@ def test_a_wrong_answer_in_the_example_would_be_seen(tcp_ports: list[str]) -> No
     broken = EXAMPLE.replace("6465", tcp_ports[1]).replace("90.000,-20.000", "90.000,20.000")
     with pytest.raises(AssertionError):
         exec(compile(broken, "docs/serve.md", "exec"), {})
-
-
-def test_every_option_is_shown_or_explained() -> None:
-    named = set(re.findall(r"--[a-z][a-z-]+", PAGE)) - {"--collect-only"}
-    assert named == {option for parameter in serve.params for option in parameter.opts}
 
 
 def test_the_tables_name_every_error_and_every_command() -> None:

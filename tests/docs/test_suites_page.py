@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")
@@ -34,16 +32,7 @@ def bench(tmp_path: Path) -> Path:
 
 def run(bench: Path, command: list[str]) -> tuple[int, set[str], str]:
     """Return the exit code, the names that were measured under a limit, and the output."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", *command],
-        cwd=bench,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module(*command, folder=bench)
     file = bench / "hil-out" / "run.json"
     measured = json.loads(file.read_text(encoding="utf-8"))["measurements"] if file.exists() else []
     return done.returncode, {each["name"] for each in measured if each["limit"]}, done.stdout + done.stderr

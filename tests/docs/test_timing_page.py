@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
-import sys
 import tomllib
 from io import StringIO
 from pathlib import Path
 
 from rich.console import Console
+from tests.finished_run import run_module
 
 from hiltest.boards import open_board
 from hiltest.boards.bench import default_firmware
@@ -33,14 +32,7 @@ ROW, BOARD = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
 
 
 def run(*arguments: str, folder: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", *arguments, folder=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -100,14 +92,7 @@ def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_
 
 def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) -> None:
     (command,) = (each for each in COMMANDS if each.startswith("timing measure"))
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *shlex.split(command.replace("/dev/ttyACM0", "/dev/no-such-port"))],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", *shlex.split(command.replace("/dev/ttyACM0", "/dev/no-such-port")), folder=tmp_path)
     assert done.returncode == 4
     assert "no serial port '/dev/no-such-port'" in done.stderr
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.measurement import Limit, check
 from hiltest.run_record.run_json import write_run
@@ -35,14 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(command: str, folder: Path) -> str:
     _, *arguments = shlex.split(command)
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    done = run_module("hiltest", *arguments, folder=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -71,15 +63,3 @@ def test_the_exports_are_what_the_page_says(folder: Path) -> None:
     assert "`deg, smaller is better`" in PAGE
     assert bmf.keys() == {each["name"] for each in [*smaller, *larger]}
     assert [each["name"] for each in larger] == ["tumble.points"]
-
-
-def test_every_option_of_the_commands_is_on_the_page() -> None:
-    for command in ("trend", "export"):
-        told = subprocess.run(
-            [sys.executable, "-m", "hiltest", "report", command, "--help"],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=60,
-        ).stdout
-        assert set(re.findall(r"--[a-z]+", told)) - {"--help"} <= set(re.findall(r"--[a-z]+", PAGE))

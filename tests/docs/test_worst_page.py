@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from tests.command_files import run
 
-from hiltest.commands.profile_worst import profile_worst
 from hiltest.rig.rig_file import load_rig
 from hiltest.studies.worst_case import load_worst_case
 from hiltest.verdict.baseline_file import read_baseline
@@ -50,8 +49,3 @@ def test_the_limit_on_the_page_is_the_default_rig_s() -> None:
     (text,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
     ((name, limit),) = tomllib.loads(text)["limits"].items()
     assert load_rig(ROOT / "hil" / "rigs" / "virtual-k64f.toml").limits[name].max == limit["max"]
-
-
-def test_every_option_is_named() -> None:
-    options = {name for parameter in profile_worst.params for name in parameter.opts if name.startswith("--")}
-    assert [option for option in options if option not in PAGE] == []

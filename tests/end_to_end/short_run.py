@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import math
 import os
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from tests.finished_run import run_module
 
 from hiltest.boards.bench import START_UP_S
 from hiltest.link.messages import Collect
@@ -17,7 +17,6 @@ from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S
 from hiltest.rig.bench_files import shipped
 from hiltest.world.sensors import Fxos8700cqNoise
 
-WALL_LIMIT_S = 120.0  # for what takes some 3 s on a machine of its own
 READINGS = 16
 # 100 points at 80 Hz; of the requests of this run the one that the board may spend most on.
 LONGEST_DEADLINE_S = REPLY_DEADLINE_S + Collect(100, timeout_us=3_500_000).board_time_s
@@ -116,25 +115,17 @@ def run_short(folder: Path, faults: str = "", *, noisy: bool = False, firmware: 
     if firmware is not None:
         (folder / "other.elf").write_bytes(firmware)
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("HIL_", "PYTEST_"))}
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            "--hil-rig",
-            "rig.toml",
-            *(["--hil-firmware", "other.elf"] if firmware else []),
-            "test_short.py",
-        ],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=WALL_LIMIT_S,
+    done = run_module(
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--hil-rig",
+        "rig.toml",
+        *(["--hil-firmware", "other.elf"] if firmware else []),
+        "test_short.py",
+        folder=folder,
+        environment=environment,
     )
     (file,) = folder.glob("**/run.json")
     return Ended(done.returncode, done.stdout, json.loads(file.read_text(encoding="utf-8")))

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.link.messages import PROTOCOL_VERSION
 from hiltest.run_record.reader import read_record
@@ -63,15 +64,7 @@ def environment(**more: str) -> dict[str, str]:
 
 
 def hiltest(folder: Path, *arguments: str, **more: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", *arguments],
-        cwd=folder,
-        env=environment(**more),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=WAIT_S,
-    )
+    return run_module("hiltest", *arguments, folder=folder, environment=environment(**more))
 
 
 def stopped(folder: Path, by: signal.Signals, *arguments: str) -> int:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
-import sys
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
@@ -14,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.measurement import KINDS, Section, identify
 from hiltest.rig.bench_files import rig_file
@@ -27,17 +26,7 @@ JUDGE_RATES = ("--", "-k", "rate_at_rest_under_the_file or test_turn_under_the_f
 
 
 def calibrate(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", "calibrate", *arguments],
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    return run_module("hiltest", "calibrate", *arguments, folder=folder)
 
 
 @pytest.fixture(scope="module")

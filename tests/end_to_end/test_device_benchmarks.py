@@ -86,11 +86,3 @@ def test_a_calibrator_that_is_in_no_list_is_named(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert "corrected is in no table: put it into CALIBRATORS of test_calibrator_cycles.py" in done.stdout
     assert "this firmware has no calibrator 'gone'" in done.stdout
-
-
-def test_a_gate_is_not_passed_by_benchmarks(tmp_path: Path) -> None:
-    baseline = shipped() / "baselines" / "virtual-k64f.json"
-    # The same tests end with 0 where no baseline is asked for: see `rows`.
-    done = run(tmp_path, shipped() / "benchmarks", "--benchmark-disable", f"--hil-baseline={baseline}")
-    assert done.returncode == 22
-    assert "only chosen tests ran" in done.stdout

@@ -28,30 +28,9 @@ def test_direct_holds_its_limits_where_it_was_calibrated(harsh_run) -> None:
     assert re.search(r"^direct@100 +\d", harsh_run.output, re.MULTILINE)
 
 
-def test_half_of_the_sphere_is_what_the_points_cover(harsh_run) -> None:
-    # Half, less what lies between the outermost points, on rings of 21 points, and the rim.
-    assert harsh_run.value("tumble.coverage") == pytest.approx(50.0, abs=4.0)
-    # 6 to 30 for half of a sphere: `direct` accepts it.
-    assert 4.0 < harsh_run.value("fit.direct.coverage") < 30.0
-
-
 def test_without_a_calibration_the_heading_is_lost(harsh_run) -> None:
     assert harsh_run.measured["heading.uncalibrated.max"]["outcome"] == "pass"
     assert harsh_run.value("heading.uncalibrated.max") > 90.0
-
-
-def test_the_noise_is_the_magnetometers_own(harsh_run) -> None:
-    for name in ("direct", "direct@100"):
-        # The rms of a residual over 100 points scatters by 7 %: three of that.
-        predicted = harsh_run.value(f"fit.{name}.residual_predicted")
-        assert harsh_run.value(f"fit.{name}.residual") == pytest.approx(predicted, rel=0.21)
-    assert harsh_run.value("fit.direct.residual_predicted") > 2.0  # 1 uT in 48.5
-
-
-def test_float32_does_not_show(harsh_run) -> None:
-    assert 0.0 < harsh_run.value("heading.direct.float32_error") <= 0.01
-    assert 0.0 < harsh_run.value("heading.corrected.float32_error") <= 0.01
-    assert harsh_run.value("heading.iterative.float32_error") <= 0.01
 
 
 def test_what_iterative_does_there_is_shown_and_not_judged(harsh_run) -> None:

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.reader import read_record
@@ -88,15 +89,7 @@ class Killed:
         return path.read_text(encoding="utf-8").splitlines() if path.exists() else []
 
     def report(self) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "hiltest", "report", "out"],
-            cwd=self.folder,
-            env=self._environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=WAIT_S,
-        )
+        return run_module("hiltest", "report", "out", folder=self.folder, environment=self._environment)
 
     def check(self, expected: Callable[[list[str]], Mapping[str, object]]) -> Run | None:
         """Check what is left; `expected` says what finished tests have measured, volatile values left out."""
@@ -211,15 +204,7 @@ def test_a_run_that_goes_on_keeps_its_folder_and_can_be_looked_at(tmp_path: Path
         while not killed.witnessed("finished") and running.poll() is None and time.monotonic() < ends_s:
             time.sleep(0.01)
         looked = killed.report()
-        second = subprocess.run(
-            [sys.executable, "-m", "hiltest", "run", "--out", "out"],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=WAIT_S,
-        )
+        second = run_module("hiltest", "run", "--out", "out", folder=tmp_path, environment=environment)
         (tmp_path / "go").touch()
         assert running.wait(timeout=WAIT_S) == 0
     assert looked.returncode == 0, looked.stderr

@@ -8,8 +8,6 @@ import shutil
 import subprocess
 import sys
 import time
-import xml.etree.ElementTree as ET
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +21,6 @@ from hiltest.run_record.reader import read_record
 from hiltest.verdict.summary import summarise
 
 from ..finished_run import without_volatile
-
-Run = Callable[..., object]
 
 CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 # Those that the full set has for comparison.
@@ -198,14 +194,6 @@ def test_slices_flatten_what_a_new_point_costs_at_most(good_run) -> None:
     assert sliced < 0.5 * whole
 
 
-def test_cycles_carry_their_model(good_run) -> None:
-    models = {
-        measurement["cycle_model"] for measurement in good_run.measured.values() if measurement["unit"] == "cycle"
-    }
-    assert models == {good_run.record["board"]["cycle_model"]}
-    assert "" not in models
-
-
 def test_the_stack_stays_within_the_bound_of_the_build(good_run) -> None:
     manifest = json.loads(default_firmware().with_name("manifest.json").read_text(encoding="utf-8"))
     used = good_run.measured["firmware.stack_most"]["value"]
@@ -218,11 +206,6 @@ def test_a_calibrator_takes_no_more_stack_than_its_code_can(good_run, name: str)
     selected, bound = (good_run.value(f"firmware.{name}.{case}") for case in ("stack", "stack_bound"))
     # All but the way that direct-fast takes for points that it cannot scale is walked by ordinary points.
     assert (bound - selected) in ((0, 68) if name == "direct-fast" else (0,))
-
-
-def test_junit_holds_the_measurements(good_run) -> None:
-    properties = {item.attrib["name"] for item in ET.parse(good_run.folder / "junit.xml").iter("property")}
-    assert {"hil.heading.direct.max", "hil.cycles.iterative.total", "hil.gyroscope.bias_error"} <= properties
 
 
 def test_uncalibrated_headings_are_as_bad_as_the_thesis_measured(good_run) -> None:
@@ -255,32 +238,6 @@ def test_a_part_of_the_suites_is_no_bare_pass(run_in, tmp_path: Path) -> None:
     assert " limits of the rig, e.g. heading.direct.max." in run.sentence
     assert run.record["chosen"]
     assert "This run is not complete" in (run.folder / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.ci
-def test_a_limit_of_a_calibrator_that_the_board_has_not_is_not_judged(
-    run_in, edited: Callable[..., str], tmp_path: Path
-) -> None:
-    rig = edited(('"heading.direct.max" =', '"heading.dirct.max" ='))
-    run = run_in(tmp_path, "--rig", rig, "--poses", "level")
-    assert run.code == 22
-    reference = ", ".join(run.record["board"]["calibrators"])
-    lines = (tmp_path / "edited.toml").read_text(encoding="utf-8").splitlines()
-    (line,) = (number for number, line in enumerate(lines, start=1) if "dirct" in line)
-    text = f"heading.dirct.max (the board has no calibrator 'dirct'; it has {reference}; the limit is in "
-    assert text in run.sentence
-    assert f"edited.toml:{line})" in run.sentence
-
-
-@pytest.mark.ci
-def test_a_suite_that_is_gone_leaves_its_limits_unset(run_in, tmp_path: Path) -> None:
-    shutil.copytree(shipped() / "suites", tmp_path / "hil" / "suites")
-    (tmp_path / "hil" / "suites" / "test_heading.py").unlink()
-    (tmp_path / "hil" / "suites" / "test_cycles.py").unlink()
-    run = run_in(tmp_path, "--poses", "level")
-    assert run.code == 22
-    begins = "NOT EVALUATED. heading.direct.max (nothing in the gate set measured it), "
-    assert run.sentence.startswith(begins)
 
 
 def test_a_test_has_the_same_id_wherever_its_suites_are(good_run, run_in, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from hiltest.calibration.quality import direction_difference_rms_deg
 from ..instances import instance
 from .references.element_fits import fit_elements
 from .references.iterative_stream import IterativeStream
-from .references.magnetic_buffer import FULL, LIMITS, MESH_COUNTS, cell_of
+from .references.magnetic_buffer import FULL, LIMITS, cell_of
 from .streams import BoardStream, Stream
 
 MakeStream = Callable[[str], Stream]
@@ -74,22 +74,6 @@ def test_any_points_go_where_whole_numbers_say(stream: Stream, points: list[Poin
     assert stream.points() == reference.points
 
 
-def test_a_taken_cell_takes_a_near_point_and_a_spare_cell_one_that_is_far_from_all(iterative: Stream) -> None:
-    along = [(5 * k, 5 * k, 30 * k) for k in (10, 11, 20, 21)]  # all in one direction
-    for point in along[:1]:
-        iterative.add(point)
-    cell = cell_of(*along[0])
-    iterative.add(along[1])  # 40 counts away: instead of the first
-    assert iterative.points() == [along[1]]
-    iterative.add(along[2])  # far: into the last empty cell
-    assert iterative.points() == [along[1], along[2]]
-    iterative.add(along[3])  # near the one that is there: dropped
-    assert iterative.points() == [along[1], along[2]]
-    assert sum(abs(a - b) for a, b in zip(along[2], along[3], strict=True)) < MESH_COUNTS
-    assert cell is not None
-    assert cell < CELLS - 1
-
-
 @pytest.mark.parametrize("all_round", [True, False])
 def test_c_and_float64_go_the_same_way_point_by_point(host_stream: MakeStream, all_round: bool) -> None:
     """Held points, solvers, calibrations taken over: all the same; headings differ by what float32 makes of them.
@@ -135,17 +119,6 @@ def test_a_full_buffer_frees_its_oldest_point(iterative: Stream) -> None:
         assert iterative.report().held == reference.held, f"point {index}"
     assert reference.held == FULL
     assert iterative.points() == reference.points
-
-
-def test_solvers_take_over_as_the_buffer_fills(iterative: Stream) -> None:
-    first: dict[int, int] = {}
-    for point in tumble(1):
-        iterative.add(point)
-        report = iterative.report()
-        first.setdefault(report.elements, report.held)
-        assert report.fit.status is (FitStatus.TOO_FEW_POINTS if report.held < 100 else FitStatus.ELLIPSOID)
-        assert report.fit.is_sphere == (report.elements == 4)
-    assert first == {0: 1, 4: 100, 7: 150, 10: 250}
 
 
 @pytest.mark.parametrize(("held", "elements", "interval"), [(110, 4, 75), (160, 7, 250), (260, 10, 750)])
@@ -288,9 +261,6 @@ def test_host_and_board_give_the_same_bits(host_stream: MakeStream, board_stream
             host, board = (item.report() for item in both)
             assert host.bits == board.bits
         assert both[0].points() == both[1].points()
-
-
-_any = st.integers(-32768, 32767)
 
 
 @settings(deadline=None, max_examples=20)

@@ -19,7 +19,6 @@ from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_momen
 
 STACK_POINTER = 13
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
-FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 Points = NDArray[np.int64]
 
 
@@ -94,23 +93,6 @@ def _near_one_corner(count: int, distance: int) -> Points:
     return points
 
 
-def test_an_overflow_is_seen_and_redone(kernel: PackedKernel) -> None:
-    points, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
-    assert kernel.block(points, anchor, 5).overflowed
-    assert not kernel.block(points, anchor, 4).overflowed
-    expected = packed_sums(points, anchor, 4)
-    assert kernel.sum(points, anchor)[1:].tobytes() == expected.sums.tobytes()
-    # What the first attempt left behind would have been wrong.
-    assert kernel.block(points, anchor, 5).sums.tobytes() != expected.sums.tobytes()
-
-
-def test_an_overflow_does_not_stay(kernel: PackedKernel) -> None:
-    """The flag is sticky, so it must be cleared."""
-    far, anchor = _near_one_corner(100, 760), np.zeros(3, dtype=np.int64)
-    assert kernel.block(far, anchor, 5).overflowed
-    assert not kernel.block(far[:2], anchor, 5).overflowed
-
-
 @pytest.mark.parametrize("distance", [30_000, 32_767])
 def test_what_no_shift_can_hold_is_summed_one_at_a_time(kernel: PackedKernel, distance: int) -> None:
     points, anchor = _near_one_corner(100, distance), np.zeros(3, dtype=np.int64)
@@ -136,26 +118,6 @@ def test_points_between_words_are_summed_one_at_a_time(board: BoardPacked) -> No
     # Sums of even powers: each product is rounded by 2^-15 of the largest at most.
     even = [4, 7, 9, 20, 23, 25, 30, 32, 34]
     assert np.allclose(aligned[even], between[even], rtol=1e-3)
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("lane", range(2))
-def test_a_point_in_either_lane_and_on_any_axis_lands_in_its_own_sums(
-    kernel: PackedKernel, axis: int, lane: int
-) -> None:
-    """One point off the anchor: a wrong lane, axis or sign is another sum."""
-    points = np.zeros((2, 3), dtype=np.int64)
-    points[lane, axis] = -64
-    sums = kernel.block(points, [0, 0, 0], 8).sums
-    degree_1, degree_2, degree_3, degree_4 = np.split(sums, [3, 9, 19])
-    assert degree_1.tolist() == [-64.0 if index == axis else 0.0 for index in range(3)]
-    for sums_of_degree, index, value in (
-        (degree_2, (0, 3, 5)[axis], 64.0**2),
-        (degree_3, (0, 6, 9)[axis], -(64.0**3)),
-        (degree_4, (0, 10, 14)[axis], 64.0**4),
-    ):
-        assert np.flatnonzero(sums_of_degree).tolist() == [index]
-        assert sums_of_degree[index] == value
 
 
 def test_small_coordinates_are_exact(kernel: PackedKernel) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.command_files import run
+from tests.finished_run import run_module
 from tests.flashing.bench import WAIT_S, Bench
 from tests.flashing.drive import Drive
 from tests.test_json_documents import checked
@@ -77,15 +78,7 @@ def test_a_board_that_answers_another_build_is_not_what_was_flashed(
 
 def identity_of(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run the tests of a board's identity in a folder."""
-    return subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", *words, "--", "-k", "identity"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=WAIT_S,
-        env=os.environ,
-    )
+    return run_module("hiltest", "run", *words, "--", "-k", "identity", folder=folder, environment=os.environ)
 
 
 def board_in(out: Path) -> dict[str, object]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable
-from itertools import accumulate
+from itertools import accumulate, product
 from pathlib import Path
 
 import numpy as np
@@ -43,39 +43,34 @@ def decoded(data: bytes, release: Release | None = None) -> list[Packet]:
     return [packet for batch in batches(data, release) for packet in batch.packets()]
 
 
-@pytest.mark.parametrize("at", range(len(RECORDING) + 1))
-def test_a_recording_cut_anywhere_has_every_packet_that_is_whole(at: int) -> None:
-    later = [packet for begin, packet in zip(BEGINS, STREAM, strict=False) if begin >= at]
-    # A cut just before a packet's last byte leaves a delimiter with which the rest begins.
-    assert decoded(RECORDING[at:]) == later
-    before = [packet for end, packet in zip(BEGINS[1:], STREAM, strict=False) if end <= at]
-    assert decoded(RECORDING[:at]) == before
+def test_a_recording_cut_anywhere_has_every_packet_that_is_whole() -> None:
+    for at in range(len(RECORDING) + 1):
+        later = [packet for begin, packet in zip(BEGINS, STREAM, strict=False) if begin >= at]
+        # A cut just before a packet's last byte leaves a delimiter with which the rest begins.
+        assert decoded(RECORDING[at:]) == later, at
+        before = [packet for end, packet in zip(BEGINS[1:], STREAM, strict=False) if end <= at]
+        assert decoded(RECORDING[:at]) == before, at
 
 
-@pytest.mark.parametrize("lost", [1, 2, 5])
-@pytest.mark.parametrize("at", range(len(RECORDING)))
-def test_lost_bytes_cost_the_packets_that_they_belong_to_and_no_other(at: int, lost: int) -> None:
-    untouched = [
-        packet
-        for begin, end, packet in zip(BEGINS, BEGINS[1:], STREAM, strict=False)
-        if end <= at or begin >= at + lost
-    ]
-    came = decoded(RECORDING[:at] + RECORDING[at + lost :], Release.V7)
-    assert [packet for packet in came if packet in untouched] == untouched
-    # 7D 5E without its 7D is a body as long as before: without a check value that is a packet.
-    kinds = iter(map(type, STREAM))
-    assert all(type(packet) in kinds for packet in came), "none was made of parts of two"
+def test_lost_bytes_cost_the_packets_that_they_belong_to_and_no_other() -> None:
+    packets = [*zip(BEGINS, BEGINS[1:], STREAM, strict=False)]
+    for at, lost in product(range(len(RECORDING)), [1, 2, 5]):
+        untouched = [packet for begin, end, packet in packets if end <= at or begin >= at + lost]
+        came = decoded(RECORDING[:at] + RECORDING[at + lost :], Release.V7)
+        assert [packet for packet in came if packet in untouched] == untouched, (at, lost)
+        # 7D 5E without its 7D is a body as long as before: without a check value that is a packet.
+        kinds = iter(map(type, STREAM))
+        assert all(type(packet) in kinds for packet in came), f"{at}, {lost}: none was made of parts of two"
 
 
-@pytest.mark.parametrize("at", [at for at, byte in enumerate(RECORDING) if byte == 0x7D])
-@pytest.mark.parametrize("byte", [0x00, 0x7D])
-def test_a_packet_with_a_wrong_escape_is_lost_with_its_bytes(at: int, byte: int) -> None:
-    damaged = bytearray(RECORDING)
-    damaged[at + 1] = byte
-    (hit,) = (place for place, begin in enumerate(BEGINS[:-1]) if begin <= at < BEGINS[place + 1])
-    (batch,) = batches(bytes(damaged))
-    assert batch.packets() == STREAM[:hit] + STREAM[hit + 1 :]
-    assert batch.lost_bytes == len(WIRES[hit]) - 2
+def test_a_packet_with_a_wrong_escape_is_lost_with_its_bytes() -> None:
+    for at, byte in product([at for at, byte in enumerate(RECORDING) if byte == 0x7D], [0x00, 0x7D]):
+        damaged = bytearray(RECORDING)
+        damaged[at + 1] = byte
+        (hit,) = (place for place, begin in enumerate(BEGINS[:-1]) if begin <= at < BEGINS[place + 1])
+        (batch,) = batches(bytes(damaged))
+        assert batch.packets() == STREAM[:hit] + STREAM[hit + 1 :], (at, byte)
+        assert batch.lost_bytes == len(WIRES[hit]) - 2, (at, byte)
 
 
 @given(packets=st.lists(ANY_PACKET, max_size=12), sizes=st.lists(st.integers(1, 60), min_size=1, max_size=9))

@@ -8,6 +8,7 @@ import shlex
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -161,8 +162,7 @@ def test_an_accelerometer_that_shows_nothing_is_named(change: Callable[[np.ndarr
     assert any(note.startswith("Gravity was not used: ") and why in note for note in fit.notes)
 
 
-@pytest.mark.parametrize("axes", ALL_AXES, ids=str)
-@pytest.mark.parametrize("moved_g", [0.0, 0.1])
+@pytest.mark.parametrize(("axes", "moved_g"), [*zip(ALL_AXES, cycle([0.0, 0.1]), strict=False)], ids=str)
 def test_wrong_letters_and_signs_are_named_with_the_columns_that_put_them_right(axes: Axes, moved_g: float) -> None:
     """All 48: only the right ones, and all three signs the other way, which is a dip of the other sign, say nothing."""
     points, acceleration = still_pairs(6, 200, moved_g=moved_g)

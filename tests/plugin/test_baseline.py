@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from fnmatch import fnmatchcase
 from html import unescape
 from pathlib import Path
@@ -64,12 +63,6 @@ def judged(pytester: pytest.Pytester, *options: str, base: str = "base") -> tupl
     """Run against the base; return exit code and sentence."""
     result = pytester.runpytest_inprocess(f"--hil-baseline={base}", *options)
     return int(result.ret), str(record(pytester)["verdict"]["sentence"])
-
-
-def replace_in(path: Path, old: str, new: str) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 @pytest.mark.usefixtures("base")
@@ -145,53 +138,6 @@ def test_a_base_that_missed_a_limit_is_a_base_and_one_that_lost_its_bench_is_non
     assert "base/run.json: the run is incomplete (connection lost)" in sentence
 
 
-def remove(base: Path) -> None:
-    base.unlink()
-
-
-def another_schema(base: Path) -> None:
-    replace_in(base, '"hiltest.run/1"', '"hiltest.run/2"')
-
-
-def another_cycle_model(base: Path) -> None:
-    replace_in(base, '"cortex-m4-trm/2@sram"', '"silicon-dwt"')
-
-
-def another_compiler(base: Path) -> None:
-    replace_in(base, '"compiler": "', '"compiler": "other ')
-
-
-def another_protocol(base: Path) -> None:
-    replace_in(base, '"protocol_version": ', '"protocol_version": 1')
-
-
-def cut_short(base: Path) -> None:
-    replace_in(base, '"complete": true', '"complete": false')
-
-
-@pytest.mark.parametrize(
-    ("spoil", "reason"),
-    [
-        (remove, "base.json: "),
-        (another_schema, 'schema is "hiltest.run/2", this hiltest reads "hiltest.run/1"'),
-        (another_cycle_model, "another cycle model: silicon-dwt before, cortex-m4-trm/2@sram now"),
-        (another_compiler, "another compiler: other "),
-        (another_protocol, "another protocol: version 1"),
-        (cut_short, "base.json: the run is incomplete"),
-    ],
-    ids=lambda value: getattr(value, "__name__", ""),
-)
-def test_a_base_that_cannot_be_compared_with_is_no_pass(
-    base: Path, pytester: pytest.Pytester, spoil: Callable[[Path], None], reason: str
-) -> None:
-    spoiled = Path(shutil.copyfile(base / "run.json", pytester.path / "base.json"))
-    spoil(spoiled)
-    code, sentence = judged(pytester, base="base.json")
-    assert code == 22
-    assert sentence.startswith("NOT EVALUATED. Cannot say whether it may be merged (against base.json): ")
-    assert reason in sentence
-
-
 @pytest.mark.usefixtures("base")
 def test_another_rig_is_no_pass_and_another_limit_is_the_same_rig(
     pytester: pytest.Pytester, default_rig: str, monkeypatch: pytest.MonkeyPatch
@@ -242,16 +188,6 @@ def test_a_tolerance_that_is_edited_with_the_change_hides_nothing(
 
 
 @pytest.mark.usefixtures("base")
-def test_a_vanished_measurement_is_no_pass_and_is_named(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LAMP_BROKEN", "yes")
-    code, sentence = judged(pytester)
-    assert code == 22
-    assert "Cannot say whether it may be merged (against base/run.json): measurement missing: lamp.life; " in sentence
-
-
-@pytest.mark.usefixtures("base")
 @pytest.mark.parametrize("options", [["-k", "current or first"], ["test_lamp.py::test_current"]], ids=["-k", "node id"])
 def test_a_choice_of_tests_is_no_pass(pytester: pytest.Pytester, options: list[str]) -> None:
     code, sentence = judged(pytester, *options)
@@ -292,42 +228,6 @@ def test_a_choice_of_tests_is_no_baseline_and_no_base_of_a_whole_run(
         code, sentence = judged(pytester, *options)
         assert code == 0
         assert "May be merged as far as the chosen tests show (against base" in sentence
-
-
-ASIDE = "def pytest_collection_modifyitems(config, items):\n"
-LEAVES_OUT = {
-    "skipped": ("", "\n@pytest.mark.skip\ndef test_first(board):\n    pass\n", "is skipped"),
-    "expected to fail": ("", "\n@pytest.mark.xfail\ndef test_first(board):\n    assert False\n", "is xfailed"),
-    "gone": ("", "\ndel test_first\n", "did not run"),
-    "taken away": (f"{ASIDE}    del items[0]\n", "", "did not run"),
-    "deselected": (f"{ASIDE}    config.hook.pytest_deselected(items=[items.pop(0)])\n", "", "did not run"),
-}
-
-
-@pytest.mark.parametrize(
-    ("how", "saved"), [*((how, False) for how in LEAVES_OUT), ("gone", True)], ids=lambda value: str(value)
-)
-def test_a_test_that_passed_and_measured_nothing_is_missed(
-    base: Path, pytester: pytest.Pytester, how: str, saved: bool
-) -> None:
-    conftest, suite, word = LEAVES_OUT[how]
-    named = "base/run.json"
-    if saved:
-        named = "base.json"
-        assert hiltest("baseline", "save", base, named).returncode == 0
-    pytester.makeconftest(conftest)
-    pytester.makepyfile(test_lamp=LAMP + suite)
-    code, sentence = judged(pytester, base=named)
-    assert code == 22
-    advice = (
-        "or renew the baseline with `hiltest baseline save RUN base.json`"
-        if saved
-        else ("or make this run the base with `hiltest baseline save RUN FILE`")
-    )
-    assert f"): test missing: test_lamp.py::test_first passed before and {word} now; let it run, {advice}; " in sentence
-    if saved:
-        assert hiltest("baseline", "save", "hil-out", named).returncode == 0
-        assert judged(pytester, base=named)[0] == 0
 
 
 @pytest.mark.usefixtures("base")
@@ -395,23 +295,6 @@ def test_two_workers_are_judged_as_one_process_is(pytester: pytest.Pytester, mon
     monkeypatch.setenv("LAMP_CURRENT", "3")
     assert pytester.runpytest_inprocess("--hil-baseline=base", "-n2", "--dist=loadgroup").ret == 21
     assert [test["outcome"] for test in record(pytester)["tests"]] == ["passed"] * 3
-
-
-@pytest.mark.usefixtures("base")
-def test_what_was_worse_in_one_attempt_stays_worse(pytester: pytest.Pytester) -> None:
-    pytest.importorskip("pytest_rerunfailures")
-    flaky = """
-attempts = []
-
-def test_current(measure, board):
-    attempts.append(1)
-    measure("lamp.current", [2.0, 3.0, 1.0][len(attempts) - 1], "mA", limit=Limit(max=9))
-    assert len(attempts) > 2
-"""
-    pytester.makepyfile(test_lamp=LAMP + flaky)
-    code, sentence = judged(pytester, "--reruns=2")
-    assert code == 21
-    assert "1 worse: lamp.current 2 -> 3 mA" in sentence
 
 
 @pytest.mark.usefixtures("base")

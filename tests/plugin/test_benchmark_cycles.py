@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.finished_run import run_module
 
 # As in conftest.py: numpy and what is built on it cannot be imported twice in one process.
 import hiltest.virtual.profiling.image  # noqa: F401
@@ -48,14 +47,7 @@ def saved(pytester: pytest.Pytester, text: str, name: str, *options: str) -> dic
 def compare(pytester: pytest.Pytester, *arguments: str) -> str:
     """Run ``pytest-benchmark compare`` where the project is."""
     (pytester.path / "conftest.py").write_text(HOOKS, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest_benchmark", "compare", *arguments],
-        cwd=pytester.path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    done = run_module("pytest_benchmark", "compare", *arguments, folder=pytester.path)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

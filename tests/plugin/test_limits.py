@@ -153,25 +153,6 @@ def test_another_unit_than_the_limits_is_an_error_that_names_both(pytester: pyte
 
 
 @pytest.mark.usefixtures("limits")
-def test_no_value_under_a_limit_is_not_judged_on_a_virtual_board(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(BOTH.replace("30.0", "None"))
-    result = pytester.runpytest_inprocess()
-    assert result.ret == 22
-    result.stdout.fnmatch_lines(["*not evaluated: lamp.heat: the board can offer it, and no value was given"])
-
-
-@pytest.mark.usefixtures("limits")
-def test_what_a_real_board_cannot_know_is_not_offered(pytester: pytest.Pytester) -> None:
-    text = (pytester.path / "lamp.toml").read_text(encoding="utf-8").replace('kind = "virtual"', 'kind = "real"')
-    text = text.replace('kind = "simulated"', 'kind = "operator"')
-    text = text[: text.index("[world]")] + text[text.index("[limits]") :]
-    (pytester.path / "lamp.toml").write_text(text, encoding="utf-8")
-    pytester.makepyfile(BOTH.replace("30.0", "None"))
-    assert pytester.runpytest_inprocess().ret == 0
-    assert outcomes_of(pytester)["lamp.heat"] == "not offered"
-
-
-@pytest.mark.usefixtures("limits")
 def test_the_rigs_limit_wins_over_the_suites(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(BOTH.replace('1.0, "mA"', '4.0, "mA", limit=Limit(max=100)'))
     result = pytester.runpytest_inprocess()

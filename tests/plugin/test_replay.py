@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.finished_run import without_volatile
+from tests.finished_run import run_module, without_volatile
 
 SUITE = """
 from hiltest.orientation.angles import Pose
@@ -39,16 +36,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a recorded run: the suite, ``run.jsonl`` and its record in ``hil-out``."""
     folder = tmp_path_factory.mktemp("recorded")
     (folder / "test_bench.py").write_text(SUITE, encoding="utf-8")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "hiltest", "-q", "test_bench.py", "--hil-record=run.jsonl"],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120.0,
-    )
+    done = run_module("pytest", "-p", "hiltest", "-q", "test_bench.py", "--hil-record=run.jsonl", folder=folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import Board, open_board
-from hiltest.errors import TurntableError
 from hiltest.interfaces.quantities import Quantity
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import OperatorTurntable
@@ -84,23 +83,6 @@ def test_what_the_firmware_says_whether_it_moves_and_what_is_left_stand_beside_a
     assert re.fullmatch(r"board \d+\.\d deg, still; 2 of 3, \d+ s left", hand.beside[8])
     assert float(then.split()[1]) == pytest.approx(result.heading_deg["firmware"][0], abs=2.0)  # noise of three lines
     assert "A run that is stopped begins anew" in hand.asked[0]
-
-
-def test_a_pose_is_taken_again_skipped_and_gone_back_to(compass: Board) -> None:
-    hand = Hand(compass, "", "r", "1.5", "s", "b", "s", "", "")
-    result = measured(compass, hand)
-    assert hand.poses == [1, 2, 1, 2, 3, 2, 3]
-    assert result.poses == (POSES[0], POSES[2])
-    assert result.reference_deg.tolist() == pytest.approx([3.2, 181.7])  # the second time the operator said 1.5
-    assert result.skipped == (POSES[1],)
-    assert result.not_measured == "1 of 3 known angles not measured: heading 90, pitch +0, roll +0"
-
-
-def test_an_operator_who_skips_everything_or_stops_ends_it_with_what_becomes_of_the_run(compass: Board) -> None:
-    with pytest.raises(TurntableError, match="every known angle was skipped"):
-        measured(compass, Hand(compass, "s", "s", "s"))
-    with pytest.raises(KeyboardInterrupt, match="stops, with 1 of 3 known angles taken; the same command begins anew"):
-        measured(compass, Hand(compass, "", "q"))
 
 
 def test_a_board_that_still_turns_is_not_taken_until_it_stands(compass: Board) -> None:

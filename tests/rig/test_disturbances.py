@@ -50,10 +50,6 @@ def with_tables(tmp_path):
     return load
 
 
-def line_of(path, text):
-    return next(n for n, line in enumerate(path.read_text().splitlines(), start=1) if line.startswith(text))
-
-
 def test_the_tables_make_the_worlds_disturbances(with_tables):
     rig = with_tables(CURRENT + PASSING + CABLE)
     disturbances = build_world(rig).disturbances

@@ -309,16 +309,6 @@ def test_a_tumble_too_short_for_the_calibration_against_gravity_goes_without_it(
     assert (rig.procedure.tumble_points, rig.procedure.dpi) == (299, "none")
 
 
-def test_the_line_of_a_wrong_value_is_right(edited):
-    with pytest.raises(ConfigError, match=rf"bench.toml:{line_of('strength_ut')}: field.strength_ut"):
-        edited("strength_ut = 48.5", 'strength_ut = "strong"')
-
-
-def test_the_line_of_a_missing_key_is_that_of_its_table(edited):
-    with pytest.raises(ConfigError, match=rf"bench.toml:{line_of('[field]')}: field.strength_ut is missing"):
-        edited("strength_ut = 48.5", "")
-
-
 def test_a_limit_in_another_unit_is_refused(edited):
     with pytest.raises(ConfigError, match=r"limits\.gyroscope\.bias_error: its unit is 'dps', not 'deg'"):
         edited('0.1, unit = "dps"', '0.1, unit = "deg"')

@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import pytest
 import serial
+from tests.finished_run import run_module
 
 from hiltest.boards import VirtualBench
 from hiltest.boards.paced import PacedBench
@@ -119,14 +118,7 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
     ],
 )
 def test_what_cannot_be_served_is_a_usage_error(tmp_path: Path, arguments: list[str], complaint: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "serve", *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=WALL_LIMIT_S,
-        check=False,
-    )
+    done = run_module("hiltest", "serve", *arguments, folder=tmp_path)
     assert (done.returncode, done.stdout) == (4, "")
     assert complaint in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import serial
+from tests.finished_run import run_module
 
 from .conftest import FLAGS, HERE, START, WALL_LIMIT_S, Serve
 
@@ -46,13 +46,6 @@ def test_a_uart_is_served_where_it_is_asked_for(serve: Serve, two_ports: Path, w
 
 @pytest.mark.parametrize("wrong", ["0", "3=tcp:70000", "3="])
 def test_a_wrong_port_is_a_wrong_option(wrong: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "serve", "--uart", wrong],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=WALL_LIMIT_S,
-        check=False,
-    )
+    done = run_module("hiltest", "serve", "--uart", wrong, folder=tmp_path)
     assert done.returncode == 4
     assert f"--uart {wrong}" in done.stderr

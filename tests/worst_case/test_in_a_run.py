@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.finished_run import run_module
 
 from hiltest.rig.bench_files import shipped
 from hiltest.run_record.reader import read_record
@@ -29,16 +27,7 @@ def run(bench: Path, limit: int) -> tuple[int, Run]:
     mine = f'[limits]\n"{NAME}" = {{ max = {limit}, unit = "cycle" }}\n'
     limited = re.sub(r"(?ms)^\[limits\]\n.*?(?=^\[)", mine, rig)
     (bench / "limited.toml").write_text(limited, encoding="utf-8")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
-    done = subprocess.run(
-        [sys.executable, "-m", "hiltest", "run", "--rig", "limited.toml", "--", "-k", "worst_case"],
-        cwd=bench,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    done = run_module("hiltest", "run", "--rig", "limited.toml", "--", "-k", "worst_case", folder=bench)
     return done.returncode, read_record(bench / "hil-out" / "run.json").run
 
 

@@ -29,11 +29,9 @@ from .decoder import (
     random_instructions,
     row_name,
 )
-from .unicorn_oracle import NOP, Unicorn
 
 ADDRESS = 0x1002  # not a multiple of four, so that Align(PC, 4) matters
 PC, SP = 15, 13
-PC_BIT = 1 << PC
 TRANSFERS = ("", "direct", "indirect")
 
 # Fields that the cycle model reads and that have one name in both decoders.
@@ -274,67 +272,6 @@ def _costs(decoded: Any) -> dict[str, Any]:
     if row in ("fp_load", "fp_store"):
         costs["words"] = 0  # the decoder in Python counts words of multiple transfers alone
     return costs | {"row": row, "transfer": TRANSFERS[decoded.transfer]}
-
-
-def _has_pc_field(trial: Trial) -> bool:
-    """Whether a field that may name a register is 15; which one does is compared with capstone."""
-    narrow = trial.first >> 8 in (0x44, 0x45) and (trial.first & 0x78 == 0x78 or trial.first & 0x87 == 0x87)
-    return narrow or (trial.first >= WIDE and PC in [trial.field(low) for low in (0, 8, 12, 16)])
-
-
-# Undefined here, although Unicorn executes it.
-UNICORN_EXECUTES_MORE: tuple[Reason, ...] = (
-    ("the PC is an operand, UNPREDICTABLE (A5.1.2)", _has_pc_field),
-    (
-        "STM of the PC, UNPREDICTABLE (A7.7, STM)",
-        lambda t: t.matches(0xFE500000, 0xE8000000) and bool(t.second & PC_BIT),
-    ),
-    ("Advanced SIMD (A5.3.18)", lambda t: t.matches(0xEF000000, 0xEF000000) or t.matches(0xFF100000, 0xF9000000)),
-    (
-        "instructions of FPv5, such as VSEL and VRINTX (A6.4)",
-        lambda t: t.matches(0xFC000E00, 0xFC000A00) or t.matches(0xFFBE0F50, 0xEEB60A40),
-    ),
-    ("SETEND, which ARMv7-M has not (A5.2.5)", lambda t: t.first & 0xFFF7 == 0xB650),
-    ("LDREXD, STREXD, and ARMv8's acquire and release", lambda t: t.matches(0xFFE00000, 0xE8C00000)),
-    ("USAT16 and SSAT16 with bit 4, which should be zero (A7.7)", lambda t: t.matches(0xFF70F0F0, 0xF3200010)),
-    ("more fraction bits than bits, UNPREDICTABLE (A7.7, VCVT)", lambda t: t.matches(0xFFBA0FD0, 0xEEBA0A40)),
-    ("VMOV of s31 and s32, UNPREDICTABLE (A7.7, VMOV)", lambda t: t.matches(0xFFE00FFF, 0xEC400A3F)),
-    ("BXNS and BLXNS of ARMv8-M", lambda t: t.first & 0xFF07 == 0x4704),
-    ("BLX (immediate), which goes to Arm code", lambda t: t.matches(0xF800D000, 0xF000C000)),
-)
-
-# Defined here, although Unicorn refuses it.
-UNICORN_EXECUTES_LESS: tuple[Reason, ...] = (
-    ("YIELD does nothing (A7.7); Unicorn stops", lambda t: t.operation == "YIELD"),
-    (
-        "BX to the SP or the PC, which are even, faults on arrival",
-        lambda t: t.operation in ("BX", "BLX") and t.decoded.m in (SP, PC),
-    ),
-    (
-        "LDR of the PC from an address that is not a multiple of four, where the test has no pointer",
-        lambda t: t.operation.startswith("LDR_") and t.decoded.d == PC,
-    ),
-)
-
-
-@pytest.mark.parametrize(COUNTS, [(8, 3_000), pytest.param(200, 100_000, marks=pytest.mark.ci)])
-def test_an_instruction_is_defined_if_unicorn_executes_it_but_for_named_differences(of_each: int, pairs: int) -> None:
-    emulator = Unicorn()
-    differences = []
-    for trial in _trials(of_each, pairs):
-        if trial.operation in ("WFI", "WFE"):
-            continue  # they wait
-        expected = {"UNDEFINED": "undefined", "NO_COPROCESSOR": "no coprocessor"}.get(trial.operation, "defined")
-        code = (trial.first, trial.second if trial.decoded.size == 4 else NOP)
-        answer = emulator.answer(*code, in_it_block=trial.in_it_block)
-        if answer == expected or (expected, answer) == ("undefined", "no coprocessor"):
-            continue  # coprocessor instructions without a meaning fault one way or the other (A5.3.18)
-        if _unexplained(trial, UNICORN_EXECUTES_MORE if expected == "undefined" else UNICORN_EXECUTES_LESS):
-            # One trial in some ten thousand goes wrong in an emulator that has seen many: a new one decides.
-            answer = Unicorn().answer(*code, in_it_block=trial.in_it_block)
-            if answer != expected:
-                differences.append(f"{trial}: {answer}")
-    assert differences[:20] == []
 
 
 LONG_OF_BASELINE = {"BL T1", "DMB T1", "DSB T1", "ISB T1", "MRS T1", "MSR (register) T1"}

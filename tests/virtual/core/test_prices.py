@@ -246,19 +246,6 @@ def test_random_sequences_take_the_cycles_of_random_profiles(
     assert_alike(profile_of(random_values(chance)), codes, steps)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_long_runs_of_few_instructions_take_the_cycles_of_random_profiles(seed: int, codes: list[bytes]) -> None:
-    # Few instructions one behind the other, as they lie in memory: late fetches need three misplaced ones on end.
-    chance = random.Random(seed)
-    for _ in range(10):
-        numbers, halfword, steps = chance.sample(range(len(codes)), 4), 0, []
-        for _ in range(100):
-            number = chance.choice(numbers)
-            steps.append(Step(number, halfword, chance.random() < 0.1, chance.choice(("on", "on", "on", "skipped"))))
-            halfword += len(codes[number]) // 2
-        assert_alike(profile_of(random_values(chance)), codes, steps)
-
-
 @pytest.mark.parametrize("name", PROFILES)
 def test_three_instructions_of_any_three_rows_take_the_cycles_of_the_profiles_that_ship(
     name: str, codes: list[bytes]

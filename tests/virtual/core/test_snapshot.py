@@ -108,7 +108,7 @@ class Program:
 
 
 @given(seed=st.integers(0, 10**6), lengths=st.tuples(*[st.integers(0, 300)] * 3))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_machine_goes_on_from_a_snapshot_as_it_did_before(seed: int, lengths: tuple[int, int, int]) -> None:
     program = Program(seed)
     before, behind, elsewhere = lengths
@@ -125,7 +125,7 @@ def test_a_machine_goes_on_from_a_snapshot_as_it_did_before(seed: int, lengths: 
 
 
 @given(seed=st.integers(0, 10**6), steps=st.lists(st.integers(0, 60), min_size=2, max_size=8), data=st.data())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_any_of_several_snapshots_is_what_was_there(seed: int, steps: list[int], data: st.DataObject) -> None:
     program = Program(seed)
     selection = []
