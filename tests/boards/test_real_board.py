@@ -201,7 +201,7 @@ def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:
     with (
         open_board(real_rig, port=pty_board(rig).path) as board,
-        pytest.raises(BenchError, match="no operator can be asked"),
+        pytest.raises(BenchError, match="no one to ask"),
     ):
         open_turntable(board, uncertainty_deg=0.5)
 

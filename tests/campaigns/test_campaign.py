@@ -194,7 +194,7 @@ class TestFolder:
         assert subprocess.run(command, capture_output=True, timeout=120, check=False).returncode == -9
         killed = read_evidence(Path("out"))
         assert killed.side.file == "out/journal.jsonl"
-        assert "not complete (cut short)" in killed.faults[0]
+        assert "incomplete (cut short)" in killed.faults[0]
 
     @pytest.mark.slow
     def test_ctrl_c_says_what_is_kept_and_a_report_names_the_records(self, tmp_path: Path) -> None:

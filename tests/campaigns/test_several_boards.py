@@ -73,7 +73,7 @@ def test_what_is_of_one_board_is_refused(
     monkeypatch.chdir(tmp_path)
     other = a_rig(tmp_path, "other", VIRTUAL) if message else a_rig(tmp_path, "virtual-k64f", VIRTUAL)
     assert run("run", "--rig", "virtual-k64f", "--rig", other, *options) == 4
-    assert (message or "have one name") in capsys.readouterr().err
+    assert (message or "have the same name") in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.json")), "nothing ran"
 
 

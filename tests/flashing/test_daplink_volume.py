@@ -54,7 +54,7 @@ def test_a_failure_of_an_earlier_time_is_not_that_of_this(tmp_path: Path) -> Non
 def test_a_drive_that_stays_away_leaves_it_unknown(tmp_path: Path) -> None:
     with Drive(tmp_path) as drive:
         drive.comes_back = False
-        with pytest.raises(FlashError, match=r"did not come back within 0.5 s .* is not known"):
+        with pytest.raises(FlashError, match=r"did not come back within 0.5 s .* is unknown"):
             drop(HEX, tmp_path, progress=quiet, back_within_s=SHORT_S)
 
 

@@ -186,7 +186,7 @@ def test_a_volume_is_named_where_no_board_is_found(
 ) -> None:
     with Drive(tmp_path / "drive") as drive:
         assert run("flash", "--volume", str(tmp_path / "drive")) == 0
-    assert "no serial port of the board is known" in capsys.readouterr().out
+    assert "the serial port of the board is unknown" in capsys.readouterr().out
     assert drive.flash != {}
 
 
@@ -227,8 +227,8 @@ def test_a_board_that_is_not_known_is_not_flashed(
         (("--seeds", "1..2"), "--flash is for a real board"),
         (("--against", str(default_firmware())), "--flash is for a real board"),
         (("--port", "usb://", "--base", "0x8000"), "leave out --base"),
-        (("--port", "usb://", "--coverage", "lcov.info"), "--coverage has none"),
-        (("--replay", str(RECORDED)), "--replay has none"),
+        (("--port", "usb://", "--coverage", "lcov.info"), "which --coverage excludes"),
+        (("--replay", str(RECORDED)), "which --replay excludes"),
         (("--port", "usb://", "--calibration", "none.json"), "none.json"),
         (("--port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
     ],

@@ -78,7 +78,7 @@ def test_tests_that_the_user_left_out_make_nobody_red_and_are_said(
     assert "only chosen tests ran before, and all tests now" in record_of(pytester, "whole")["verdict"]["sentence"]
     part = pytester.runpytest_inprocess(*choice, "--hil-baseline=whole", "--hil-out=part")
     assert part.ret == 22
-    assert "only chosen tests ran, and 1 measurement of whole" in record_of(pytester, "part")["verdict"]["sentence"]
+    assert "only chosen tests ran, without 1 measurement of whole" in record_of(pytester, "part")["verdict"]["sentence"]
 
 
 @pytest.mark.usefixtures("limits")

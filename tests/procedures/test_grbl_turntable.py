@@ -203,7 +203,7 @@ def test_every_wait_has_an_end_and_says_what_to_do(
         table.turn_to(Pose(40_000.0))
     monkeypatch.setattr(grbl, "_STALLED_S", 1.0)
     table._line._write(b"!")
-    stalled = r"no answer to 'G4 P0\.25' within 1 s; it is in state Hold at .* not held"
+    stalled = r"no answer to 'G4 P0\.25' within 1 s; it is in state Hold at .* not on hold"
     with pytest.raises(TurntableError, match=stalled):
         table.turn_to(Pose(10.0))
     bench.paced.stop()

@@ -32,7 +32,7 @@ _NAMED_AT_MOST = 20
     type=click.Path(dir_okay=False, path_type=Path),
     help="Write the plots to this page.  [default: trend.html in DIR; with --json none]",
 )
-@click.option("--all", "every", is_flag=True, help="Also show measurements without a limit or a change point.")
+@click.option("--all", "every", is_flag=True, help="Show also measurements without a limit or a change point.")
 @json_option("hiltest.trend/1")
 def report_trend(folder: Path, html: Path | None, every: bool, as_json: bool) -> None:
     """Plot each measurement over all runs in a folder.
