@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-STEPS = [" ".join(each.split()) for each in re.findall(r"^\d+\. (.*?)(?=\n\d+\. |\n\n)", PAGE, re.M | re.S)]
+STEPS = [" ".join(match.split()) for match in re.findall(r"^\d+\. (.*?)(?=\n\d+\. |\n\n)", PAGE, re.M | re.S)]
 PLACES = [pair for step in STEPS for pair in re.findall(r"`([\w/.]+\.(?:py|c))`\s+`(\w+)`", step)]
 PATHS = sorted(set(re.findall(r"`((?:src|firmware_stub|hil|tests)/[\w/.-]+)`", PAGE)))
 
@@ -32,6 +32,6 @@ def test_a_file_or_folder_that_is_named_is_there() -> None:
 
 
 def test_every_package_has_a_line_that_says_what_lives_there() -> None:
-    packages = {each.parent.name for each in (ROOT / "src" / "hiltest").glob("*/__init__.py")}
-    told = {name for row in re.findall(r"^\| (`[^|]*`) \|", PAGE, re.M) for name in re.findall(r"`(\w+)`", row)}
-    assert packages <= told | {"commands", "cycle_benchmarks"}
+    packages = {path.parent.name for path in (ROOT / "src" / "hiltest").glob("*/__init__.py")}
+    names = {name for row in re.findall(r"^\| (`[^|]*`) \|", PAGE, re.M) for name in re.findall(r"`(\w+)`", row)}
+    assert packages <= names | {"commands", "cycle_benchmarks"}

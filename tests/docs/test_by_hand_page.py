@@ -61,5 +61,5 @@ ROWS = re.findall(r"^\| [^|\n]+ \| (\d\S*) \| ([a-z ]+) \| (\S+) \| ([a-z ]+) \|
 @pytest.mark.parametrize("row", ROWS)
 def test_the_verdicts_follow_from_the_values_beside_them(row: tuple[str, ...]) -> None:
     for value, verdict in (row[:2], row[2:]):
-        made = check("heading.direct.max", float(value), unit="deg", limit=Limit(max=2), uncertainty=1.0)
-        assert str(made.outcome) == verdict
+        result = check("heading.direct.max", float(value), unit="deg", limit=Limit(max=2), uncertainty=1.0)
+        assert str(result.outcome) == verdict

@@ -60,5 +60,5 @@ def test_formulas_and_units_are_those_of_the_file() -> None:
     for name, (part, units) in PARTS.items():
         formula, listed = rows[name].split(" | ")
         assert formula.strip("`") in str(part.__annotations__["formula"])
-        told = dict(re.findall(r"`(\w+)` (\S+?)(?:, |$)", listed))
-        assert told == {slot: getattr(units, slot) for slot in units.__slots__}
+        matches = dict(re.findall(r"`(\w+)` (\S+?)(?:, |$)", listed))
+        assert matches == {slot: getattr(units, slot) for slot in units.__slots__}

@@ -29,7 +29,7 @@ SET_UP, WHEN_WORSE, OVER_TIME = (block.splitlines() for block in re.findall(r"^`
 ACTION = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
 USES = f"OWNER/hiltest@v{__version__}"
 (WITH,) = [step["with"] for step in JOB["steps"] if step.get("uses") == USES]
-INPUTS = {name: each["default"] for name, each in ACTION["inputs"].items()} | WITH
+INPUTS = {name: item["default"] for name, item in ACTION["inputs"].items()} | WITH
 BASELINE = Path("hil") / "baselines" / "mine.json"
 COMMITTED = ROOT / "hil" / "baselines" / "virtual-k64f.json"
 
@@ -94,8 +94,8 @@ def sh(command: str, folder: Path, **more: Any) -> subprocess.CompletedProcess[s
 def filled(value: Any, inputs: dict[str, str]) -> Any:
     """Return what a step of the action is given, with the action's inputs filled in as GitHub does it."""
     if isinstance(value, dict):
-        return {name: filled(each, inputs) for name, each in value.items()}
-    return re.sub(r"\$\{\{ inputs\.([\w-]+) }}", lambda found: inputs[found[1]], value)
+        return {name: filled(item, inputs) for name, item in value.items()}
+    return re.sub(r"\$\{\{ inputs\.([\w-]+) }}", lambda result: inputs[result[1]], value)
 
 
 def steps_of(inputs: dict[str, str]) -> Iterator[dict[str, Any]]:
@@ -115,7 +115,7 @@ def run_job(folder: Path, sha: str) -> dict[str, Ran]:
     """Run the steps of the job that are commands in a checked-out folder; those behind a red one as `if` says."""
     ran: dict[str, Ran] = {}
     for number, step in enumerate(STEPS):
-        red = any(each.code for each in ran.values())
+        red = any(item.code for item in ran.values())
         if "run" not in step or (red and "!cancelled()" not in step.get("if", "")):
             continue
         summary = folder.parent / f"summary-{number}.md"  # one of its own a step, as GitHub has it
@@ -187,7 +187,7 @@ def test_only_installations_are_replaced() -> None:
 def test_the_job_builds_what_the_set_up_builds_and_tests_that() -> None:
     (build,) = [step["run"] for step in JOB["steps"] if step.get("name") == "Build the firmware"]
     assert build.splitlines() == SET_UP[:2]
-    runs = [shlex.split(each) for each in (*SET_UP, *WHEN_WORSE) if each.startswith("hiltest run")]
+    runs = [shlex.split(item) for item in (*SET_UP, *WHEN_WORSE) if item.startswith("hiltest run")]
     assert [run[2:4] for run in runs] == [["--firmware", WITH["firmware"]]] * 2
     assert (WITH["firmware"], WITH["baseline"]) == (str(ELF), str(BASELINE))
     assert WHEN_WORSE[0] == f"hiltest run --firmware {ELF} --baseline {BASELINE}", "as the action does it"
@@ -195,7 +195,7 @@ def test_the_job_builds_what_the_set_up_builds_and_tests_that() -> None:
 
 def test_the_job_is_green_for_the_firmware_as_it_was_and_shows_its_report(green: tuple[Path, dict[str, Ran]]) -> None:
     folder, ran = green
-    assert {name: each.code for name, each in ran.items()} == dict.fromkeys(ran, 0), the_run(ran).said
+    assert {name: item.code for name, item in ran.items()} == dict.fromkeys(ran, 0), the_run(ran).said
     run = the_run(ran)
     assert run.summary.startswith("# PASS\n")
     assert "## Against the baseline" in run.summary
@@ -222,8 +222,8 @@ def test_a_red_job_still_keeps_its_record(red: tuple[Path, dict[str, Ran]]) -> N
     folder, ran = red
     (upload,) = [step for step in STEPS if step.get("uses", "").startswith("actions/upload-artifact@")]
     assert "!cancelled()" in upload["if"]
-    kept = {path.name for path in (folder / upload["with"]["path"]).iterdir()}
-    assert {"run.json", "report.html", "report.md", "junit.xml", "numbers.bmf"} <= kept
+    names = {path.name for path in (folder / upload["with"]["path"]).iterdir()}
+    assert {"run.json", "report.html", "report.md", "junit.xml", "numbers.bmf"} <= names
     assert len(list(commands())) == len(ran)
 
 
@@ -232,10 +232,12 @@ def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(
     assert ours["seeds"] == [1]
     if ours["side"]["compiler"] != committed["side"]["compiler"]:
         pytest.skip(f"it is of {committed['side']['compiler']}, and here is {ours['side']['compiler']}")
-    of_seed_1 = {each["name"]: each["values"][0] for each in committed["measurements"]}
+    of_seed_1 = {measurement["name"]: measurement["values"][0] for measurement in committed["measurements"]}
     # Processors round a sum in float64 otherwise, which the ninth and last digit that is written shows in a difference
     # of two headings. A count of cycles is exact: one of 100 million would be needed to hide a cycle.
-    assert {each["name"]: each["values"][0] for each in ours["measurements"]} == pytest.approx(of_seed_1, rel=1e-8)
+    assert {measurement["name"]: measurement["values"][0] for measurement in ours["measurements"]} == pytest.approx(
+        of_seed_1, rel=1e-8
+    )
 
 
 def test_a_change_is_accepted_by_name_and_the_job_is_green_again(red: tuple[Path, dict[str, Ran]]) -> None:
@@ -260,12 +262,12 @@ def test_the_records_of_many_jobs_are_fetched_and_shown_together(
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "gh").write_text(GH.format(kept=tmp_path / "kept"), encoding="utf-8")
     (tmp_path / "bin" / "gh").chmod(0o755)
-    there = environment(tmp_path)
-    there["PATH"] = f"{tmp_path / 'bin'}{os.pathsep}{there['PATH']}"
+    target = environment(tmp_path)
+    target["PATH"] = f"{tmp_path / 'bin'}{os.pathsep}{target['PATH']}"
     fetch, show = OVER_TIME
-    assert sh(fetch, tmp_path, env=there).returncode == 0
+    assert sh(fetch, tmp_path, env=target).returncode == 0
     assert sorted(path.name for path in (tmp_path / "history").iterdir()) == ["11", "12"]
-    shown = sh(show, tmp_path, env=there)
+    shown = sh(show, tmp_path, env=target)
     assert (shown.returncode, shown.stderr) == (0, ""), "nothing that the job keeps is a stranger"
     assert f"run 2 (commit {SHAS['red'][:12]}, branch main)" in shown.stdout
     assert "worse: cycles.direct.total" in shown.stdout
@@ -282,10 +284,10 @@ def test_every_input_of_the_action_reaches_the_run(tmp_path: Path) -> None:
         "out": "out; id",
         "options": "--suite full -- -k 'heading or cycles'",
     }
-    (step,) = [each for each in steps_of(inputs) if each.get("name") == RUN]
-    there = environment(tmp_path)
-    there["PATH"] = f"{tmp_path}{os.pathsep}{there['PATH']}"
-    done = sh(step["run"], tmp_path, env=there | step["env"])
+    (step,) = [step for step in steps_of(inputs) if step.get("name") == RUN]
+    target = environment(tmp_path)
+    target["PATH"] = f"{tmp_path}{os.pathsep}{target['PATH']}"
+    done = sh(step["run"], tmp_path, env=target | step["env"])
     assert done.stdout.splitlines() == [
         "run",
         "--out",
@@ -304,7 +306,7 @@ def test_every_input_of_the_action_reaches_the_run(tmp_path: Path) -> None:
         "-k",
         "heading or cycles",
     ]
-    unclosed = sh(step["run"], tmp_path, env=there | step["env"] | {"OPTIONS": "-k 'heading"})
+    unclosed = sh(step["run"], tmp_path, env=target | step["env"] | {"OPTIONS": "-k 'heading"})
     assert (unclosed.returncode != 0, unclosed.stdout) == (True, ""), "it does not run without what was asked for"
 
 

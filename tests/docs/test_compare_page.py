@@ -32,16 +32,16 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> list[subprocess.CompletedP
 
 
 def test_every_command_ends_as_the_page_says(done: list[subprocess.CompletedProcess[str]]) -> None:
-    said = "\n".join(each.stdout + each.stderr for each in done)
+    answer = "\n".join(item.stdout + item.stderr for item in done)
     # The two runs are of one firmware, so that there is nothing to accept.
     ends = [4 if "baseline update" in command else 0 for command in COMMANDS]
-    assert [each.returncode for each in done] == ends, said
+    assert [item.returncode for item in done] == ends, answer
     assert done[ends.index(4)].stderr.startswith("ERROR: nothing changes: ")
 
 
 def test_nothing_is_worse_between_two_runs_of_one_firmware(done: list[subprocess.CompletedProcess[str]]) -> None:
     (sentence,) = re.findall(r"`(May be merged \(against baseline\.json\): \d+ unchanged\.)`", PAGE)
-    output = next(each.stdout for command, each in zip(COMMANDS, done, strict=True) if " compare " in command)
+    output = next(item.stdout for command, item in zip(COMMANDS, done, strict=True) if " compare " in command)
     assert sentence in output.splitlines()
     (all_of_them,) = map(int, re.findall(r": (\d+) unchanged\.", PAGE))
     ((worse, others),) = re.findall(r"(\d+) worse: .*?; (\d+) unchanged\.", PAGE, re.S)
@@ -49,8 +49,8 @@ def test_nothing_is_worse_between_two_runs_of_one_firmware(done: list[subprocess
 
 
 def test_codes_are_those_of_the_help() -> None:
-    told = re.sub(r"\n {8}(?=\w)", " ", _run("hiltest compare --help", ROOT).stdout)
-    listed = dict(re.findall(r"^ +(\d+) +(.*)$", told, re.M))
+    answer = re.sub(r"\n {8}(?=\w)", " ", _run("hiltest compare --help", ROOT).stdout)
+    listed = dict(re.findall(r"^ +(\d+) +(.*)$", answer, re.M))
     table = dict(re.findall(r"^\| (\d+) \| (.*) \|$", PAGE, re.M))
     assert table == {code: text for code, text in listed.items() if code != "2"}
 

@@ -37,7 +37,7 @@ def test_the_table_of_the_page_is_a_rigs(tmp_path: Path) -> None:
 
 def test_every_frame_is_on_the_page_with_its_own_way() -> None:
     rows = dict(re.findall(r"^\| `(\w+)` \| x .*\| (\w+) \|$", PAGE, re.M))
-    assert rows == {name: "clockwise" if each.clockwise else "counterclockwise" for name, each in FRAMES.items()}
+    assert rows == {name: "clockwise" if frame.clockwise else "counterclockwise" for name, frame in FRAMES.items()}
 
 
 def test_a_kind_of_ones_own_is_found_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,6 +52,6 @@ def test_a_kind_of_ones_own_is_found_by_its_entry_point(tmp_path: Path, monkeypa
     (nmea,) = interfaces.values()
     assert isinstance(nmea, StreamInterface)
     assert nmea.feed(b"$HCHDM,12", 0.0) == []
-    (said,) = nmea.feed(b"3.4,M\r\n$HCXDR\n", 1.0)
-    assert said.values[Quantity.HEADING].tolist() == [123.4]
+    (answer,) = nmea.feed(b"3.4,M\r\n$HCXDR\n", 1.0)
+    assert answer.values[Quantity.HEADING].tolist() == [123.4]
     assert nmea.not_understood == 1

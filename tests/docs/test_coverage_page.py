@@ -33,13 +33,13 @@ def read(path: Path) -> Coverage:
 
 @pytest.mark.slow
 def test_a_campaign_adds_up_its_seeds(tmp_path: Path) -> None:
-    said = run(CAMPAIGN.replace("1..8", "1..2"), tmp_path)
+    answer = run(CAMPAIGN.replace("1..8", "1..2"), tmp_path)
     whole = Coverage()
     for seed in (1, 2):
         whole.add(read(tmp_path / "hil-out" / f"seed-{seed:04d}" / "lcov.info"))
     assert read(tmp_path / "lcov.info") == whole
     assert whole.files["firmware_stub/app/main.c"].functions["main"][1] == 2
-    assert f"Coverage: {whole.lines.hit} of {whole.lines.found} lines (" in said
+    assert f"Coverage: {whole.lines.hit} of {whole.lines.found} lines (" in answer
 
 
 @pytest.mark.slow
@@ -48,8 +48,8 @@ def test_genhtml_makes_pages_of_it(tmp_path: Path) -> None:
     (tmp_path / "firmware_stub").symlink_to(ROOT / "firmware_stub")
     run(RUN, tmp_path)
     done = subprocess.run(shlex.split(GENHTML), cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
-    found = read(tmp_path / "lcov.info")
-    assert f"({found.lines.hit} of {found.lines.found} lines)" in done.stdout
+    result = read(tmp_path / "lcov.info")
+    assert f"({result.lines.hit} of {result.lines.found} lines)" in done.stdout
     assert (tmp_path / "html" / "index.html").is_file()
 
 
@@ -64,10 +64,14 @@ def test_what_the_suites_walk_is_as_the_page_has_it(tmp_path: Path, suite: str, 
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=1800
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    found = read(tmp_path / "lcov.info")
-    for what, share in (("lines", found.lines), ("functions", found.functions), ("branches both ways", found.branches)):
-        (cells,) = re.findall(rf"^\| {what} \| (\d+) of (\d+) .*? \| (\d+) of (\d+) ", PAGE, re.M)
-        assert share == tuple(map(int, cells[2 * column :][:2])), f"{what} in the {suite} set"
+    result = read(tmp_path / "lcov.info")
+    for case, share in (
+        ("lines", result.lines),
+        ("functions", result.functions),
+        ("branches both ways", result.branches),
+    ):
+        (cells,) = re.findall(rf"^\| {case} \| (\d+) of (\d+) .*? \| (\d+) of (\d+) ", PAGE, re.M)
+        assert share == tuple(map(int, cells[2 * column :][:2])), f"{case} in the {suite} set"
     if suite == "full":  # what the page promises of it
-        assert found.lines.hit >= 0.9 * found.lines.found
-        assert found.branches.hit >= 0.55 * found.branches.found
+        assert result.lines.hit >= 0.9 * result.lines.found
+        assert result.branches.hit >= 0.55 * result.branches.found

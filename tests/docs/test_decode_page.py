@@ -32,6 +32,6 @@ def test_the_table_has_the_first_column_of_every_quantity() -> None:
     rows = dict(re.findall(r"^\| (\d) \| (.*) \|$", PAGE, re.M))
     for kind in KINDS:
         named = set(re.findall(r"`(\w+)`", rows[str(kind.type)]))
-        quantities = {re.sub(r"_(?:[xyz]|[xyz][xyz])(?=_|$)", "", each) for each in named}
-        told = {re.sub(r"_(?:[xyz]|[xyz][xyz])(?=_|$)", "", column) for column in kind.columns()} - {"q1", "q2"}
-        assert told <= quantities
+        quantities = {re.sub(r"_(?:[xyz]|[xyz][xyz])(?=_|$)", "", item) for item in named}
+        answer = {re.sub(r"_(?:[xyz]|[xyz][xyz])(?=_|$)", "", column) for column in kind.columns()} - {"q1", "q2"}
+        assert answer <= quantities

@@ -35,9 +35,9 @@ MEASURED = re.compile(r"^ok +(clock|[a-z]+ noise) .*$|text comes: .*$", re.M)
 @pytest.fixture
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> UsbTree:
     """The machine that the page shows, without a board behind its port."""
-    made = UsbTree(tmp_path / "machine")
-    monkeypatch.setenv("HILTEST_ROOT", str(made.root))
-    return made
+    result = UsbTree(tmp_path / "machine")
+    monkeypatch.setenv("HILTEST_ROOT", str(result.root))
+    return result
 
 
 def plug_in(tree: UsbTree, board: Path) -> None:
@@ -68,12 +68,12 @@ def test_doctor_prints_what_the_page_shows(
 ) -> None:
     plug_in(tree, Path(pty_board(rig).path))
     assert run(*shlex.split(COMMANDS[1])) == 0
-    said = as_on_the_page(capsys.readouterr().out, tree)
+    answer = as_on_the_page(capsys.readouterr().out, tree)
     shown = as_on_the_page(DOCTOR, tree)
-    if not any(line.startswith("ok  clock") for line in said):  # on a machine that is too busy for a paced board
-        said = [line for line in said if "too busy" not in line and "  clock" not in line]
+    if not any(line.startswith("ok  clock") for line in answer):  # on a machine that is too busy for a paced board
+        answer = [line for line in answer if "too busy" not in line and "  clock" not in line]
         shown = [line for line in shown if "  clock" not in line]
-    assert said == shown
+    assert answer == shown
 
 
 def test_doctor_says_of_other_firmware_what_the_page_shows(
@@ -84,19 +84,19 @@ def test_doctor_says_of_other_firmware_what_the_page_shows(
 ) -> None:
     plug_in(tree, Path(pty_board(rig, default_firmware().with_name("compass-lines.elf")).path))
     assert run("doctor") == 23
-    said, shown = (as_on_the_page(text, tree) for text in (capsys.readouterr().out, OTHER_FIRMWARE))
-    begins = said.index(shown[0])
-    assert said[begins : begins + len(shown)] == shown
+    answer, shown = (as_on_the_page(text, tree) for text in (capsys.readouterr().out, OTHER_FIRMWARE))
+    begins = answer.index(shown[0])
+    assert answer[begins : begins + len(shown)] == shown
 
 
 def test_the_field_of_the_place_on_the_page_is_compared_as_it_shows() -> None:
     (text,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)
     default = load_rig(shipped() / "rigs" / "frdm-k64f.toml")
     placed = replace(default, field=replace(default.field, **tomllib.loads(text)["field"]))
-    found = see_declared_field(placed, model_field(placed, date(2026, 11, 26)))
+    result = see_declared_field(placed, model_field(placed, date(2026, 11, 26)))
     first, second = DECLARED.splitlines()
-    assert first.split(maxsplit=3) == [found.health, *found.name.split(), found.finding]
-    assert second.strip() == f"-> {found.remedy}"
+    assert first.split(maxsplit=3) == [result.health, *result.name.split(), result.finding]
+    assert second.strip() == f"-> {result.remedy}"
 
 
 def test_the_table_has_every_check_in_its_order() -> None:

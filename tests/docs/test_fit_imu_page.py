@@ -48,9 +48,9 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
     # "within 0.001 on the diagonal", "beside it within 0.01", "within 0.3 mg"
     for sensor, matrix in (("accelerometer", "gain"), ("gyroscope", "matrix")):
         (written,) = re.findall(rf"^{sensor} = np\.array\((.*)\)$", EXAMPLE, re.M)
-        left = np.abs(np.array(content[sensor][matrix]) @ np.array(json.loads(written)) - np.eye(3))
-        assert np.diag(left).max() < 0.001
-        assert left.max() < 0.01
+        remainder = np.abs(np.array(content[sensor][matrix]) @ np.array(json.loads(written)) - np.eye(3))
+        assert np.diag(remainder).max() < 0.001
+        assert remainder.max() < 0.01
     assert np.abs(np.array(content["accelerometer"]["offset"]) - [0.03, -0.02, 0.015]).max() < 0.0003
     assert np.abs(np.array(content["gyroscope"]["bias"]) - [0.6, -0.4, 0.9]).max() < 0.01
 
@@ -68,11 +68,11 @@ def test_the_header_is_c_and_has_the_same_numbers(folder: Path, require_tool: Ca
     subprocess.run([*compiler, "-o", "print", "print.c"], cwd=folder, check=True, timeout=60)
     printed = subprocess.run([folder / "print"], capture_output=True, text=True, check=True, timeout=60).stdout
     numbers = np.array([line.split() for line in printed.splitlines()], dtype=float)
-    wanted = [
+    expected = [
         [*np.ravel(content[sensor][matrix]), *content[sensor][vector]]
         for sensor, matrix, vector in (("accelerometer", "gain", "offset"), ("gyroscope", "matrix", "bias"))
     ]
-    assert np.allclose(numbers.T, wanted, rtol=2.0**-23, atol=0)
+    assert np.allclose(numbers.T, expected, rtol=2.0**-23, atol=0)
 
 
 def test_a_log_that_supports_nothing_is_exported_nowhere(folder: Path) -> None:
@@ -104,11 +104,11 @@ def test_the_verdicts_of_the_page_are_those_that_are_given() -> None:
     }
     for label, figure in rows.items():
         (row,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.M)
-        told = [float(cell) for cell in row.split("|") if cell.strip() not in ("", "any")]
-        bounds = [each for each in accelerometer.BOUNDS if each.figure == figure]
-        limits = [each.limit for each in sorted(bounds, key=lambda bound: severity.index(bound.verdict))]
-        assert told[: len(limits)] == limits != [], label
-    turns, poor, fair = (each.limit for each in gyroscope.BOUNDS)
+        cells = [float(cell) for cell in row.split("|") if cell.strip() not in ("", "any")]
+        bounds = [bound for bound in accelerometer.BOUNDS if bound.figure == figure]
+        limits = [item.limit for item in sorted(bounds, key=lambda bound: severity.index(bound.verdict))]
+        assert cells[: len(limits)] == limits != [], label
+    turns, poor, fair = (bound.limit for bound in gyroscope.BOUNDS)
     assert (turns, f"up to {fair:g} % of a turn, poor beyond {poor:g} %" in " ".join(PAGE.split())) == (4, True)
 
 

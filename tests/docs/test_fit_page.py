@@ -61,9 +61,9 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
 def test_a_calibration_of_the_little_cloud_is_as_wrong_as_the_page_says(folder: Path) -> None:
     """Small residual, wrong field strength: the ellipsoid that some calibrator returns is believed by nobody else."""
     content = json.loads(_run("hiltest fit little.csv --on host --json", folder).stdout)
-    iterative = {each["name"]: each for each in content["calibrators"]}["iterative"]
+    iterative = {calibrator["name"]: calibrator for calibrator in content["calibrators"]}["iterative"]
     assert (iterative["status"], iterative["verdict"]) == ("ellipsoid", "refused")
-    ridge = {each["name"]: each for each in content["calibrators"]}[content["best"]]
+    ridge = {calibrator["name"]: calibrator for calibrator in content["calibrators"]}[content["best"]]
     assert ridge["name"] == "ridge"
     assert round(ridge["direction_error_deg"], 1) == 1.9
     assert _off_deg(ridge) == pytest.approx(1.1, abs=0.05)
@@ -73,23 +73,23 @@ def test_a_calibration_of_the_little_cloud_is_as_wrong_as_the_page_says(folder: 
     assert _off_deg(iterative) == pytest.approx(10.0, abs=1.5)
 
 
-def _off_deg(found: dict[str, Any]) -> float:
+def _off_deg(result: dict[str, Any]) -> float:
     """Return how far directions that a calibration corrects are off, rms over all of the example's."""
     directions, readings = _truth()
-    corrected = (readings - found["hard_iron"]) @ np.array(found["soft_iron"])
+    corrected = (readings - result["hard_iron"]) @ np.array(result["soft_iron"])
     cosines = (corrected * directions).sum(axis=1) / np.linalg.norm(corrected, axis=1)
     return float(np.degrees(np.sqrt(np.mean(np.arccos(cosines) ** 2))))
 
 
 def test_the_table_has_every_threshold() -> None:
     rows = re.findall(r"^\| (\w+) \| .* \| ?([^|]*?) ?\| ?([^|]*?) ?\| ?([^|]*?) \|$", PAGE, re.M)
-    told = {
+    messages = {
         name: dict(zip((Acceptance.FAIR, Acceptance.POOR, Acceptance.REFUSED), cells, strict=True))
         for name, *cells in rows
         if name != "figure"
     }
     for bound in BOUNDS:
         side = "below" if bound.below else "above"
-        assert f"{side} {bound.limit:g}" in told[bound.figure][bound.verdict].split(", ")
-    numbers = [number for each in told.values() for cell in each.values() for number in re.findall(r"[\d.]+", cell)]
+        assert f"{side} {bound.limit:g}" in messages[bound.figure][bound.verdict].split(", ")
+    numbers = [number for item in messages.values() for cell in item.values() for number in re.findall(r"[\d.]+", cell)]
     assert len(numbers) == len(BOUNDS)

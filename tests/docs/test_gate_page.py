@@ -66,5 +66,5 @@ def test_a_firmware_of_ones_own_gets_a_baseline_of_its_own(quick: Path) -> None:
 
 
 def test_the_option_has_the_names_that_the_page_gives_it() -> None:
-    (option,) = [each for each in OPTIONS if each.name == "baseline"]
-    assert all(f"`{each}`" in PAGE for each in (option.flag, option.variable, option.ini))
+    (option,) = [option for option in OPTIONS if option.name == "baseline"]
+    assert all(f"`{item}`" in PAGE for item in (option.flag, option.variable, option.ini))

@@ -27,7 +27,7 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
     done = _run(run, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    assert "gyroscope.noise_density" in {each["name"] for each in record["measurements"]}
+    assert "gyroscope.noise_density" in {measurement["name"] for measurement in record["measurements"]}
     done = _run(log, tmp_path)
     assert (done.returncode, done.stdout) == (0, "rest.csv: 4000 of the gyroscope\n"), done.stderr
     done = _run(page, tmp_path)
@@ -44,7 +44,7 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
 
 
 def test_the_table_has_every_measurement() -> None:
-    told = set(re.findall(r"`(gyroscope\.[a-z_.]+)`", PAGE))
-    told |= {f"gyroscope.{rest}" for rest in re.findall(r"`\.([a-z_.]+)`", PAGE)}
-    ours = {each.replace("{axis}", "z") for each in KINDS if each.startswith("gyroscope.") and "{fit}" not in each}
-    assert ours <= told
+    matches = set(re.findall(r"`(gyroscope\.[a-z_.]+)`", PAGE))
+    matches |= {f"gyroscope.{rest}" for rest in re.findall(r"`\.([a-z_.]+)`", PAGE)}
+    ours = {kind.replace("{axis}", "z") for kind in KINDS if kind.startswith("gyroscope.") and "{fit}" not in kind}
+    assert ours <= matches

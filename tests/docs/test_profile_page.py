@@ -47,4 +47,4 @@ def test_the_suite_passes_and_a_tighter_limit_is_red(tmp_path: Path) -> None:
 
 
 def test_every_stall_is_named() -> None:
-    assert [each for each in Stall if f"| {_NAMES[each]} |" not in PAGE] == []
+    assert [item for item in Stall if f"| {_NAMES[item]} |" not in PAGE] == []

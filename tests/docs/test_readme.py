@@ -61,7 +61,7 @@ def test_every_command_is_understood(command: str, tmp_path: Path) -> None:
         np.savetxt(tmp_path / arguments[1], readings_ut, delimiter=",", header="x_ut,y_ut,z_ut", comments="")
     done = run_module("hiltest", *arguments, folder=tmp_path)
     # A gate that no test runs for is no pass, and is told from an option or a file that is wrong, which is 4.
-    gates = [f"{each[2:]} is {base}" for each, base in pairwise(arguments) if each in ("--baseline", "--against")]
+    gates = [f"{item[2:]} is {base}" for item, base in pairwise(arguments) if item in ("--baseline", "--against")]
     assert done.returncode == (22 if gates else 0), done.stdout + done.stderr
     assert all(f"{gate}, and no test ran" in done.stdout.rstrip().splitlines()[-1] for gate in gates)
 
@@ -78,7 +78,7 @@ def test_the_suite_of_one_s_own_runs_as_it_stands(tmp_path: Path) -> None:
     done = _run_suite(tmp_path, suite)
     assert done.returncode == 0, done.stdout + done.stderr
     record = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
-    measured = {each["name"]: each for each in record["measurements"]}["field.strength"]
+    measured = {measurement["name"]: measurement for measurement in record["measurements"]}["field.strength"]
     assert (measured["outcome"], measured["unit"]) == ("pass", "uT")
     # The world's field is 48.5 uT; its hard iron of 5.2 uT and soft iron of 3 % are still in the reading.
     assert measured["value"] == pytest.approx(48.5, abs=5.2 + 0.03 * 48.5)

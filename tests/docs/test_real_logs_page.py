@@ -17,9 +17,9 @@ PAGE = (Path(__file__).parents[2] / "docs" / "real-logs.md").read_text(encoding=
 @pytest.mark.slow
 def test_the_verdicts_are_those_of_today(shared_data: Callable[[str], Path]) -> None:  # noqa: F811
     assert shared_data("README.md").is_file()
-    found, told = (_verdicts(text) for text in ("\n".join(magnetometers()), PAGE))
-    assert found.items() <= told.items()
-    assert len(found) == 4
+    result, answer = (_verdicts(text) for text in ("\n".join(magnetometers()), PAGE))
+    assert result.items() <= answer.items()
+    assert len(result) == 4
 
 
 def _verdicts(text: str) -> dict[str, tuple[str, str]]:

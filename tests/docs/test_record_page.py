@@ -27,11 +27,13 @@ def test_the_commands_do_what_the_page_says(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
         sentence = read_record(tmp_path / "hil-out").run.verdict.sentence
         assert " ".join(sentence.split()) in " ".join(done.stdout.split())
-    assert sorted(each.name for each in (tmp_path / "kept").iterdir()) == ["report.html", "report.md", "run.json"]
+    assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == ["report.html", "report.md", "run.json"]
     assert (tmp_path / "kept" / "run.json").read_bytes() == (tmp_path / "hil-out" / "run.json").read_bytes()
     # A row for each field, and a field for each row.
     rows = re.findall(r"^\| (`\w+`(?:, `\w+`)*) \| ", PAGE, re.M)
-    assert {name for row in rows for name in re.findall(r"\w+", row)} == {each.name for each in dataclasses.fields(Run)}
+    assert {name for row in rows for name in re.findall(r"\w+", row)} == {
+        field.name for field in dataclasses.fields(Run)
+    }
 
 
 def test_the_label_is_in_the_record(tmp_path: Path) -> None:

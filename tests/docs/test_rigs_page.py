@@ -32,7 +32,7 @@ def test_the_rigs_that_commands_name_are_there() -> None:
 
 
 def test_the_faults_shown_are_read_and_every_key_of_theirs_is_named(tmp_path: Path) -> None:
-    (shown,) = (each for each in TABLES if "[faults]" in each)
+    (shown,) = (table for table in TABLES if "[faults]" in table)
     rig = tmp_path / "rig.toml"
     rig.write_text(RIGS["virtual-k64f"].read_text(encoding="utf-8") + shown, encoding="utf-8")
     assert str(load_rig(rig).faults) == "0.0002 of bytes lost, a stall after 20 s for 1.5 s; both ways, seed 1"
@@ -42,7 +42,7 @@ def test_the_faults_shown_are_read_and_every_key_of_theirs_is_named(tmp_path: Pa
 
 def test_the_tables_shown_are_those_of_the_harsh_rig() -> None:
     harsh = tomllib.loads(RIGS["virtual-k64f-harsh"].read_text(encoding="utf-8"))
-    tables = [each for each in TABLES if "[faults]" not in each]
+    tables = [table for table in TABLES if "[faults]" not in table]
     assert len(tables) == 2
     for shown in tables:
         for table, values in tomllib.loads(shown).items():

@@ -41,8 +41,8 @@ class Server:
 
     def end(self) -> tuple[int, str]:
         self.process.send_signal(signal.SIGINT)
-        _, said = self.process.communicate(timeout=WALL_LIMIT_S)
-        return self.process.returncode, said
+        _, answer = self.process.communicate(timeout=WALL_LIMIT_S)
+        return self.process.returncode, answer
 
 
 @pytest.fixture
@@ -52,16 +52,16 @@ def tcp_ports(tmp_path: Path) -> Iterator[list[str]]:
     server.end()
 
 
-@pytest.mark.parametrize("command", [each for each in COMMANDS if each.startswith("hiltest serve")])
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command.startswith("hiltest serve")])
 def test_every_server_starts_prints_its_ports_and_ends(command: str, tmp_path: Path) -> None:
     server = Server(command, tmp_path)
-    code, said = server.end()
-    assert code == 0, said
+    code, answer = server.end()
+    assert code == 0, answer
     assert [line.partition(": ")[0] for line in server.printed] == ["board", "turntable"]
 
 
 def test_every_run_is_understood(tmp_path: Path) -> None:
-    runs = [each for each in COMMANDS if each.startswith("hiltest run")]
+    runs = [command for command in COMMANDS if command.startswith("hiltest run")]
     assert runs
     for command in runs:
         arguments = [*shlex.split(command)[1:], "--", "--collect-only", "-q"]

@@ -29,14 +29,14 @@ def record(name: str) -> Run:
 
 def rows(run: Run) -> dict[str, list[Cell]]:
     """Return all numbers of a record by what they are of, and what it says of printed figures."""
-    found: dict[str, list[Cell]] = {measurement.name: [measurement.value] for measurement in run.measurements}
+    results: dict[str, list[Cell]] = {measurement.name: [measurement.value] for measurement in run.measurements}
     for table in run.tables:
         shown = (4,) if table.name.endswith(".printed") else range(len(table.columns))
-        found |= {
+        results |= {
             f"{table.name}, row {number}": [row[0], *(row[column] for column in shown)]
             for number, row in enumerate(table.rows)
         }
-    return found
+    return results
 
 
 def is_unbounded(name: str, row: list[Cell]) -> bool:
@@ -44,18 +44,18 @@ def is_unbounded(name: str, row: list[Cell]) -> bool:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(each, marks=[pytest.mark.slow, pytest.mark.ci] if each in LONG else []) for each in NAMES]
+    "name", [pytest.param(name, marks=[pytest.mark.slow, pytest.mark.ci] if name in LONG else []) for name in NAMES]
 )
 def test_a_study_renewed_at_the_record_s_size_has_its_numbers(name: str) -> None:
-    kept, renewed = rows(record(name)), rows(SCRIPT["small_run"](SCRIPT["PLANS"][name]))
+    stored, renewed = rows(record(name)), rows(SCRIPT["small_run"](SCRIPT["PLANS"][name]))
     again = f"if it is meant to: python docs/studies.py {name}"
-    assert renewed.keys() == kept.keys(), again
-    for what, wanted in kept.items():
-        found = renewed[what]
-        if not is_unbounded(what, wanted):
-            assert found == [pytest.approx(each, rel=RELATIVE) if type(each) is float else each for each in wanted], (
-                f"{what}: {again}"
-            )
+    assert renewed.keys() == stored.keys(), again
+    for case, expected in stored.items():
+        result = renewed[case]
+        if not is_unbounded(case, expected):
+            assert result == [
+                pytest.approx(item, rel=RELATIVE) if type(item) is float else item for item in expected
+            ], f"{case}: {again}"
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -35,7 +35,7 @@ def run(bench: Path, command: list[str]) -> tuple[int, set[str], str]:
     done = run_module(*command, folder=bench)
     file = bench / "hil-out" / "run.json"
     measured = json.loads(file.read_text(encoding="utf-8"))["measurements"] if file.exists() else []
-    return done.returncode, {each["name"] for each in measured if each["limit"]}, done.stdout + done.stderr
+    return done.returncode, {item["name"] for item in measured if item["limit"]}, done.stdout + done.stderr
 
 
 def test_each_set_judges_its_limits(bench: Path) -> None:
@@ -51,8 +51,8 @@ def test_a_limit_that_does_not_say_its_set_must_be_met_by_both(bench: Path) -> N
     path.write_text(path.read_text(encoding="utf-8").replace(', suite = "full"', ""), encoding="utf-8")
     code, judged, output = run(bench, GATE)
     assert (code, judged) == (22, {"compass.slots", "compass.calibrators"})
-    (told,) = re.findall(r"`(compass\.calibrators \(.*\))`", PAGE)
-    assert told in " ".join(output.split())
+    (match,) = re.findall(r"`(compass\.calibrators \(.*\))`", PAGE)
+    assert match in " ".join(output.split())
 
 
 def test_the_full_set_by_name_is_refused_without_the_option(bench: Path) -> None:

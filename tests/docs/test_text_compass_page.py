@@ -46,9 +46,9 @@ def test_trying_prints_what_the_page_shows(bench: Path, capsys: pytest.CaptureFi
 def test_a_wrong_name_is_refused_as_the_page_shows(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("mine.toml").write_text(Path("mine.toml").read_text().replace("<roll>", "<rol>"))
     assert run(*shlex.split(TRY)) == 4
-    said = capsys.readouterr().err
+    errors = capsys.readouterr().err
     place = re.compile(r"\S*mine\.toml:\d+")
-    assert place.sub("", said) == place.sub("", REFUSED)
+    assert place.sub("", errors) == place.sub("", REFUSED)
 
 
 @pytest.mark.ci
@@ -73,7 +73,7 @@ def test_the_other_forms_understand_their_lines(text: str, lines: list[str], qua
     interface = text_interface(table, str)
     interface.feed(b"\n.\n", 0.0)
     (observed,) = interface.feed("\n".join([*lines, ""]).encode(), 0.0)
-    assert {each.key for each in observed.values} == quantities
+    assert {value.key for value in observed.values} == quantities
     magnetometer = observed.values[Quantity.named("magnetometer")]
     assert magnetometer == pytest.approx([25.1, -2.3, 47.0])
 
@@ -81,7 +81,7 @@ def test_the_other_forms_understand_their_lines(text: str, lines: list[str], qua
 def test_the_tables_name_every_quantity_unit_and_key() -> None:
     rows = dict(re.findall(r"^\| (`.*?) \| ?([a-zA-Z%]*) \|", PAGE[PAGE.index("| quantity |") :], re.M))
     named = {name: unit for names, unit in rows.items() for name in re.findall(r"`(\w+)`", names)}
-    quantities = {each.key: each.unit for each in Quantity}
+    quantities = {item.key: item.unit for item in Quantity}
     assert {name: unit for name, unit in named.items() if name in quantities} == quantities
     for unit, words in re.findall(r"^\| `.*? \| (\w+|%) \| (.+) \|$", PAGE[PAGE.index("| quantity |") :], re.M):
         assert all(conversion(word, unit) for word in re.findall(r"[^\s,()]+", words)), words

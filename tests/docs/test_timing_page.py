@@ -42,15 +42,15 @@ def test_the_command_prints_what_the_page_shows(tmp_path: Path) -> None:
     for line in SHOWN.splitlines():
         # "..." stands for what is left out.
         pattern = ".*".join(re.escape(" ".join(part.split())) for part in line.split("..."))
-        assert any(re.fullmatch(pattern.replace(".*", r"\s?.*"), each) for each in printed), line
+        assert any(re.fullmatch(pattern.replace(".*", r"\s?.*"), item) for item in printed), line
 
 
 def test_the_json_has_every_row_of_the_profile(tmp_path: Path) -> None:
     content = json.loads(run("timing", "show", "--json", folder=tmp_path))
     profile = load_profile(DEFAULT_PROFILE)
     assert (content["schema"], content["name"], content["digest"]) == ("hiltest.timing/1", profile.name, profile.digest)
-    assert [each["row"] for each in content["rows"]] == [*ROWS, *RULES]
-    assert {each["row"]: (each["cycles"], tuple(each["band"]), each["source"]) for each in content["rows"]} == {
+    assert [row["row"] for row in content["rows"]] == [*ROWS, *RULES]
+    assert {row["row"]: (row["cycles"], tuple(row["band"]), row["source"]) for row in content["rows"]} == {
         name: (row.value, row.band, row.source) for name, row in profile.rows.items()
     }
 
@@ -84,14 +84,14 @@ def test_the_count_of_the_page_is_what_the_shipped_firmware_costs_and_its_range(
 def test_code_in_flash_is_counted_as_the_page_says_and_carries_what_it_says(tmp_path: Path) -> None:
     shown = run(*shlex.split(COMMANDS[1]), folder=tmp_path)
     words = r"^(\d+) cycles, .*@flash: (\d+) to (\d+), by the uncertainty of the memories"
-    found = re.search(words, shown, re.M | re.S)
-    assert found is not None
-    cycles, low, high = map(int, found.groups())
+    match = re.search(words, shown, re.M | re.S)
+    assert match is not None
+    cycles, low, high = map(int, match.groups())
     assert (low, high) == (round(0.85 * cycles), round(1.15 * cycles))
 
 
 def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) -> None:
-    (command,) = (each for each in COMMANDS if each.startswith("timing measure"))
+    (command,) = (command for command in COMMANDS if command.startswith("timing measure"))
     done = run_module("hiltest", *shlex.split(command.replace("/dev/ttyACM0", "/dev/no-such-port")), folder=tmp_path)
     assert done.returncode == 4
     assert "no serial port '/dev/no-such-port'" in done.stderr
@@ -100,7 +100,7 @@ def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) 
 def test_the_candidates_of_the_page_predict_what_it_says() -> None:
     image, profile = load_image(default_firmware()), load_profile("cortex-m4-trm/2")
     asked = questions({name: row.value for name, row in profile.rows.items()})
-    clocks = {each.sequence: predicted_clocks(image, profile, each.sequence) for each in asked}
+    clocks = {item.sequence: predicted_clocks(image, profile, item.sequence) for item in asked}
     console = Console(file=StringIO(), width=80)
     print_judgements(console, judge(clocks, profile, image))
     assert JUDGED in console.file.getvalue()  # type: ignore[attr-defined]

@@ -41,11 +41,11 @@ def run(command: str, folder: Path) -> str:
 
 def test_the_trend_is_shown_and_drawn(folder: Path) -> None:
     plain, everything, as_json, *_ = COMMANDS
-    said = run(plain, folder)
-    assert "worse: cycles.direct.total" in said
-    assert "build b2 -> b3" in said
+    answer = run(plain, folder)
+    assert "worse: cycles.direct.total" in answer
+    assert "build b2 -> b3" in answer
     assert "cycles.direct.total" in (folder / "history" / "trend.html").read_text(encoding="utf-8")
-    assert "tumble.points" not in said
+    assert "tumble.points" not in answer
     assert "tumble.points" in run(everything, folder)
     content = json.loads(run(as_json, folder))
     assert content["schema"] == "hiltest.trend/1"
@@ -61,5 +61,5 @@ def test_the_exports_are_what_the_page_says(folder: Path) -> None:
     bmf, smaller, larger = (json.loads((folder / f"{name}.json").read_text()) for name in ("bmf", "smaller", "larger"))
     assert bmf["heading.direct.bias, magnitude"] == {"deg, smaller is better": {"value": 0.1}}
     assert "`deg, smaller is better`" in PAGE
-    assert bmf.keys() == {each["name"] for each in [*smaller, *larger]}
-    assert [each["name"] for each in larger] == ["tumble.points"]
+    assert bmf.keys() == {item["name"] for item in [*smaller, *larger]}
+    assert [item["name"] for item in larger] == ["tumble.points"]

@@ -42,8 +42,8 @@ def written(tmp_path: Path) -> Path:
 def test_its_rig_reads_variables_that_are_there(written: Path) -> None:
     memory = load_rig(written).device.memory
     image = load_image(foreign_elf("nxp_sensor_fusion.elf"))
-    found = read_descriptions(memory.values, Variables(image), str)
-    assert {quantity.key for quantity in found} == memory.values.keys()
+    descriptions = read_descriptions(memory.values, Variables(image), str)
+    assert {quantity.key for quantity in descriptions} == memory.values.keys()
     assert function_address(image, memory.at_return_of)
 
 
@@ -57,10 +57,10 @@ def test_every_unit_of_the_table_is_known_and_every_quantity_with_one_has_some()
     without = {quantity.key for quantity in Quantity if not quantity.unit}
     named = set(re.findall(r"`([^`]+)`", row)) - {"unit"}
     assert without <= named
-    units = {each.unit for each in Quantity}
-    found = {word: [unit for unit in units if conversion(word, unit)] for word in named - without}
-    assert all(found.values())
-    assert {unit for units in found.values() for unit in units} >= {each.unit for each in Quantity if each.unit}
+    units = {item.unit for item in Quantity}
+    results = {word: [unit for unit in units if conversion(word, unit)] for word in named - without}
+    assert all(results.values())
+    assert {unit for units in results.values() for unit in units} >= {item.unit for item in Quantity if item.unit}
 
 
 def test_the_samples_of_the_page_are_those_of_the_rig_that_ships() -> None:

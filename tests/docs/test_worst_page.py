@@ -37,8 +37,8 @@ def test_the_table_has_what_is_kept_beside_the_baseline() -> None:
     assert {name for name, *_ in ROWS} == KEPT.keys()
     baseline = read_baseline(ROOT / "hil" / "baselines" / "virtual-k64f.json")
     typical = {row.name: row.values[0] for row in baseline.measurements}
-    for name, golden, found, times in ROWS:
-        numbers = int(golden.replace(" ", "")), int(found.replace(" ", ""))
+    for name, golden, result, times in ROWS:
+        numbers = int(golden.replace(" ", "")), int(result.replace(" ", ""))
         assert numbers[1] == KEPT[name].cycles
         assert float(times) == pytest.approx(numbers[1] / numbers[0], abs=0.05)  # one decimal
         if (total := typical.get(f"cycles.{name}.total")) is not None:
