@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -98,11 +99,71 @@ def test_a_horizontal_field_is_refused_by_name_on_the_board(
     assert "heading.dpi.max" not in run.measured
 
 
+def test_a_rotation_about_the_vertical_is_a_constant_offset(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
+    rig = edited((SOFT_IRON, soft_iron_turned_about_the_vertical(3.0)))
+    # On a level board its own z axis is the vertical; tilted, the same rotation is no constant any more.
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
+    assert run.code == 1
+    assert "Likely cause: constant offset" in run.sentence
+    assert abs(run.value("heading.direct.bias")) == pytest.approx(3.0, abs=0.5)
+
+
 def test_over_tilted_poses_the_same_rotation_is_no_constant(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
     rig = edited((SOFT_IRON, soft_iron_turned_about_the_vertical(3.0)))
     run = run_in(tmp_path, "--rig", rig, "--poses", "all", *SUITES)
     assert run.code == 1
     assert "Likely cause: good fit, bad heading" in run.sentence
+
+
+@pytest.mark.parametrize(
+    ("soft_iron", "poses", "cause"),
+    [
+        (
+            "[[0.0, 1.2, 0.0], [0.0, 0.0, 0.9], [0.8, 0.0, 0.0]]",
+            "all",
+            "magnetometer: x, y and z are exchanged cyclically: x reads y, y reads z, z reads x.",
+        ),
+        (
+            "[[-0.8, 0.0, 0.0], [0.0, 1.1, 0.0], [0.0, 0.0, 1.0]]\nmirrored = true",
+            "level",
+            "magnetometer: x is negated (left-handed: no mounting makes it).",
+        ),
+        (
+            "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
+            "level",
+            "constant offset (+90.",
+        ),  # of a level board; as which axes it looks follows
+        (
+            "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
+            "all",
+            "magnetometer: x and y are exchanged, y is negated (as turned by 90 deg about z).",
+        ),
+    ],
+    ids=["cyclic", "left-handed", "a turn about z, level", "a turn about z, tilted"],
+)
+def test_a_magnetometer_with_other_axes_is_named_on_the_virtual_board(
+    run_in, edited: Callable[..., str], tmp_path: Path, soft_iron: str, poses: str, cause: str
+) -> None:
+    rig = edited((SOFT_IRON, f"soft_iron = {soft_iron}"))
+    run = run_in(tmp_path, "--rig", rig, "--poses", poses, *SUITES)
+    assert run.code == 1
+    assert f"Likely cause: {cause}" in run.sentence
+
+
+def test_a_mounting_that_turns_the_board_by_90_degrees_is_a_constant_offset(
+    run_in, edited: Callable[..., str], tmp_path: Path
+) -> None:
+    run = run_in(tmp_path, "--rig", edited(("mounting_yaw_deg = 1.7 ", "mounting_yaw_deg = 91.7 ")), *SUITES)
+    assert run.code == 1
+    assert re.search(r"Likely cause: constant offset \(\+(89\.[89]|90\.[01])", run.sentence)
+
+
+def test_a_bad_accelerometer_is_named_first(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"), NO_FACES)
+    run = run_in(tmp_path, "--rig", rig, *SUITES)
+    assert run.code == 1
+    assert "Likely cause: accelerometer" in run.sentence
+    assert "accelerometer.norm_rms" in run.sentence
 
 
 def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_accelerometer(
@@ -118,6 +179,13 @@ def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_acceleromete
     assert run.value("accelerometer.tilt_error") == pytest.approx(np.degrees(0.020), abs=0.25)
     assert "Likely cause: accelerometer" in run.sentence
     assert "accelerometer.tilt_error" in run.sentence
+
+
+def test_six_faces_take_off_what_a_bad_accelerometer_does(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
+    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"))
+    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
+    assert run.code == 0, run.output
+    assert run.value("accelerometer.untrimmed_norm_rms") > 30.0
 
 
 def test_a_face_that_is_askew_is_named_and_ends_red(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
@@ -187,4 +255,24 @@ def test_a_port_that_does_not_exist_lists_those_that_do(run_in, tmp_path: Path) 
     run = run_in(tmp_path, "--rig", "frdm-k64f", "--port", "/dev/no-such-port")
     assert run.code == 4
     assert run.errors.startswith("ERROR: no serial port '/dev/no-such-port'; ports on this machine: ")
+    assert not run.folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("make", "complaint"),
+    [
+        (lambda path: None, "no such file"),
+        (lambda path: path.write_text("not an ELF"), "not a whole ELF file"),
+        (lambda path: path.write_bytes(Path(sys.executable).read_bytes()), "ARM"),
+    ],
+    ids=["missing", "text", "another core"],
+)
+def test_firmware_that_is_none_is_a_usage_error(
+    run_in, tmp_path: Path, make: Callable[[Path], object], complaint: str
+) -> None:
+    make(tmp_path / "mine.elf")
+    run = run_in(tmp_path, "--firmware", "mine.elf")
+    assert run.code == 4
+    assert "mine.elf" in run.errors
+    assert complaint.lower() in run.errors.lower()
     assert not run.folder.exists()

@@ -6,6 +6,7 @@ Each case is the project's own firmware with one edit, built with the cross comp
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -17,7 +18,7 @@ import pytest
 
 from hiltest.link.messages import PROTOCOL_VERSION
 
-from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy
+from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy, calibrations_turned
 
 WALL_LIMIT_S = 120  # a run takes a few seconds; nothing may wait for ever
 # What these causes show in, and the gyroscope, which is measured before the headings are.
@@ -55,6 +56,80 @@ def run_edited(tmp_path: Path, copy_of_the_firmware: FirmwareCopy) -> RunEdited:
     return run
 
 
+def test_three_degrees_added_to_every_heading_are_a_constant_offset(run_edited: RunEdited) -> None:
+    ended = run_edited(calibrations_turned(3.0, about="z"))
+    assert "constant offset" in ended.output
+    # The bias of the default rig itself is within 0.12 degrees over seeds; 0.3 is more than twice that.
+    assert ended.values["heading.direct.bias"] == pytest.approx(3.0, abs=0.3)
+
+
+def test_a_swapped_magnetometer_axis_is_red_and_named(run_edited: RunEdited) -> None:
+    rows = "    body[0] = negated(sensor[{}]);\n    body[1] = negated(sensor[{}]);\n    body[2] = limited(sensor[2]);"
+    ended = run_edited(Edit("sensors/axes.c", rows.format(1, 0), rows.format(0, 1)))
+    assert ended.values["heading.direct.max"] > 45
+    assert "likely cause: magnetometer: x and y are exchanged (left-handed" in ended.output
+
+
+OF_THE_ACCELEROMETER = (
+    "    body[0] = limited(sensor[1]);\n    body[1] = limited(sensor[0]);\n    body[2] = limited(sensor[2]);\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("axes", "message"),
+    [
+        ((1, 0, "negated", 2), "z is negated (left-handed"),
+        ((0, 1, "limited", 2), "x and y are exchanged (left-handed"),
+        ((0, 2, "limited", 1), "x, y and z are exchanged cyclically: x reads y, y reads z, z reads x"),
+    ],
+)
+def test_wrong_axes_of_the_accelerometer_are_named_where_a_face_is_another(
+    run_edited: RunEdited, axes: tuple[int, int, str, int], message: str
+) -> None:
+    x, y, sign, z = axes
+    read = (f"limited(sensor[{x}])", f"limited(sensor[{y}])", f"{sign}(sensor[{z}])")
+    result = "".join(f"    body[{axis}] = {value};\n" for axis, value in enumerate(read))
+    ended = run_edited(Edit("sensors/axes.c", OF_THE_ACCELEROMETER, result))
+    assert re.search(rf"accelerometer: {re.escape(message)}.*: asked for .*, and the board reads", ended.output)
+
+
+ADDED = "fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid->centre[axis]"
+STORED_IN_A_SLOT = "    slots[slot].calibration = *calibration;\n"
+SCALED = """    for (int column = 0; column < 3; column++) {
+        slots[slot].calibration.soft_iron[column] *= 1.1f;
+    }
+"""
+OF_ANOTHER_SLOT = """    if (slot > 1u && slots[1].filled) {
+        slots[slot].calibration = slots[1].calibration;
+    }
+"""
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        # 0.6 uT are 6 counts; seen through a soft iron within 3 % of the identity.
+        (
+            Edit("calibration/closed_form.h", ADDED, f"{ADDED} + (axis == 0 ? 6.0f : 0.0f)"),
+            r"hard-iron error \(0\.(59|6\d) uT: x \+0\.(59|6\d), .* beside its fit in float64\)",
+        ),
+        (
+            Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + SCALED),
+            r"wrong scale \(x \+10\.0 %, y \+0\.0 %, z \+0\.0 %, beside its fit in float64\)",
+        ),
+        (calibrations_turned(3.0, about="x"), r"rotation \(rotated by 3 deg about x, beside its fit in float64\)"),
+        (
+            Edit("app/calibration_slots.c", STORED_IN_A_SLOT, STORED_IN_A_SLOT + OF_ANOTHER_SLOT),
+            r"stale calibration \(it is that of direct\)",
+        ),
+    ],
+    ids=["hard iron", "scale", "rotation", "stale"],
+)
+def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited, edit: Edit, message: str) -> None:
+    ended = run_edited(edit)
+    assert re.search(rf"likely cause: {message}", ended.output), ended.output
+
+
 def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show_it_right(
     run_edited: RunEdited,
 ) -> None:
@@ -63,7 +138,47 @@ def test_a_dip_of_the_opposite_sign_is_the_firmwares_where_the_known_angles_show
     assert "likely cause: dpi refuses points as MIRRORED although the known angles confirm their axes" in ended.output
 
 
+DPI_SUMS = "calibration/dpi_sums.c"
+GRAVITY = "row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero"
+DIFFERENCES = ".u = {{(float)(m[{0}] - anchor[{0}]), (float)(m[{1}] - anchor[{1}]), (float)(m[2] - anchor[2])}},"
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        Edit(DPI_SUMS, f"return {GRAVITY};", f"return -({GRAVITY});"),
+        Edit(DPI_SUMS, DIFFERENCES.format(0, 1), DIFFERENCES.format(1, 0)),
+        # Degrees taken for radians, and 62 radians are a dip of -48 degrees.
+        Edit("app/dpi_commands.c", "sinf(dip_deg / DEGREES_PER_RADIAN)", "sinf(dip_deg)"),
+    ],
+    ids=["the sign of gravity", "a swapped axis", "the dip in another unit"],
+)
+def test_a_calibration_against_gravity_with_a_mistake_is_refused_by_name(run_edited: RunEdited, edit: Edit) -> None:
+    ended = run_edited(edit)
+    assert "dpi of 300 rows: MIRRORED" in ended.output
+    assert "fit.dpi.residual" not in ended.values
+
+
+def test_gravity_in_another_unit_is_red(run_edited: RunEdited) -> None:
+    ended = run_edited(Edit(DPI_SUMS, f"return {GRAVITY};", f"return 9.80665f * ({GRAVITY});"))
+    # The heading does not depend on it. But 9.8 times the sine of 62 degrees is no sine.
+    assert ended.values["fit.dpi.dip"] == pytest.approx(90.0)
+    assert "fit.dpi.dip" in ended.output
+
+
+def test_axes_of_gravity_in_a_circle_make_every_heading_wrong(run_edited: RunEdited) -> None:
+    axes = ".a = {{(float)a[{}], (float)a[{}], (float)a[{}]}},"
+    ended = run_edited(Edit(DPI_SUMS, axes.format(0, 1, 2), axes.format(1, 2, 0)))
+    assert ended.values["fit.dpi.rotation_left"] == pytest.approx(120.0, abs=1.0)
+    assert ended.values["heading.dpi.max"] > 45
+
+
 CORRECTED = "const float x = counts[0] {} calibration->offset[{}];"
+STORED = "    slot_set_accelerometer(slot, &calibration);"
+IN_MG = """    for (int i = 0; i < 3; i++) {
+        calibration.offset[i] *= 1000.0f * ACCELEROMETER_G_PER_COUNT;
+    }
+"""
 
 
 @pytest.mark.parametrize(
@@ -80,6 +195,46 @@ def test_an_accelerometer_calibration_that_is_not_applied_as_it_is_answered_is_a
     ended = run_edited(edit, rig="virtual-k64f-untrimmed")
     assert "the firmware contradicts itself: it answers a residual of" in ended.output
     assert "heading.direct.max" not in ended.values
+
+
+def test_an_accelerometer_calibration_in_another_unit_is_red(run_edited: RunEdited) -> None:
+    edit = Edit("app/accelerometer_commands.c", STORED, IN_MG + STORED)
+    result = run_edited(edit, rig="virtual-k64f-untrimmed").values
+    # 20 mg that stay, or come twice, on one axis alone: 1.1 degrees of tilt at least, times tan(62).
+    assert result["heading.direct.max"] > 2.0
+    assert result["accelerometer.tilt_error"] > 0.3
+    assert result["accelerometer.six_position.offset_error"] < 0.7  # the fit itself is right
+
+
+GYROSCOPE_AXES = """void axes_gyroscope(const int16_t sensor[3], int16_t body[3])
+{{
+    body[0] = negated(sensor[{}]);
+    body[1] = negated(sensor[0]);
+    body[2] = {}(sensor[{}]);
+"""
+
+
+def gyroscope_axes(x: int, sign: str, z: int) -> Edit:
+    return Edit("sensors/axes.c", GYROSCOPE_AXES.format(1, "negated", 2), GYROSCOPE_AXES.format(x, sign, z))
+
+
+@pytest.mark.parametrize(
+    ("edit", "felt"),
+    [
+        (gyroscope_axes(1, "limited", 2), r"\(.*, .*, -36\d\) deg"),
+        (gyroscope_axes(2, "negated", 1), r"\(\+36\d, .*, .*\) deg"),
+        # The part's range doubled, which halves its counts.
+        (
+            Edit("sensors/fxas21002.c", "CTRL_REG3_WRAP_TO_ONE 0x08u", "CTRL_REG3_WRAP_TO_ONE 0x09u"),
+            r"\(.*, .*, \+18\d\) deg",
+        ),
+    ],
+    ids=["sign", "axis", "unit"],
+)
+def test_a_gyroscope_of_wrong_sign_axis_or_unit_is_red(run_edited: RunEdited, edit: Edit, felt: str) -> None:
+    ended = run_edited(edit)
+    assert re.search(rf"felt {felt} about x, y, z where \+360 about z", ended.output), ended.output
+    assert "gyroscope.scale_error.z" not in ended.values
 
 
 def in_tilt_heading(statement: str) -> Edit:
