@@ -38,13 +38,13 @@ def test_each_line_is_shown_with_what_is_understood_of_it(line: Line, capsys: py
     assert "  CAL=1 HDG=90.50 PIT=1.00 ROL=-2.00\n    heading 90.5 deg, pitch 1 deg, roll -2 deg, cal" in said
     assert "? hello ⟨U+001B⟩[2J\n    no pattern matches\n" in said
     assert "  ERROR MAG3110\n    error: MAG3110\n" in said
-    assert "    pitch 1 deg, roll 2 deg, calibrated 1; heading: 'nan' is no number\n" in said
+    assert "    pitch 1 deg, roll 2 deg, calibrated 1; heading: 'nan' is not a number\n" in said
     summary = said[said.index("\n4 understood, 1 not") :].splitlines()
     assert [row.split()[:2] for row in summary if row.startswith(("heading ", "pitch ", "calibrated "))] == [
         ["heading", "1"],
         ["pitch", "2"],
         ["calibrated", "2"],
-        ["heading", "not"],
+        ["heading", "ignored"],
     ]
     assert "heading ignored 1 time: 'nan' is not a number" in summary
     assert any(row.startswith("not seen: magnetometer, ") for row in summary)

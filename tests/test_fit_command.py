@@ -94,7 +94,7 @@ def test_in_a_pipe_every_sentence_is_on_one_line(clouds: Path, monkeypatch: pyte
     monkeypatch.delenv("COLUMNS", raising=False)
     lines = fit("cap.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (condition,) = {line for line in lines if "is above 300 (refused)" in line}
-    assert condition.endswith("turn the sensor all round.")
+    assert condition.endswith("turn the sensor in all directions.")
     _write(clouds / "large.csv", 1000.0 * golden_points(400) + 1e6, "mx,my,mz")
     cells = fit("large.csv", "--on", "host", folder=clouds).stdout.splitlines()
     (hard_iron,) = [line for line in cells if "hard iron [counts]" in line]
@@ -191,7 +191,7 @@ def test_a_turn_in_a_plane_is_told_as_one_and_exported_as_one(clouds: Path) -> N
     assert "ellipse: fitted by 'ellipse', not by 'ellipsoid' (fair): it corrects headings" in said
     assert "turned about an axis 0 deg off its z, by 358 deg" in said
     assert "cycles" not in said
-    assert "for headings of a turn about z alone" in (clouds / "c.h").read_text(encoding="utf-8")
+    assert "for headings of a turn about z only" in (clouds / "c.h").read_text(encoding="utf-8")
     named = json.loads(fit("turn.csv", "--shape", "ellipse", "--json", folder=clouds).stdout)
     assert [(each["name"], each["turn"]["axis"]) for each in named["calibrators"]] == [("ellipse", "z")]
 

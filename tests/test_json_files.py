@@ -33,8 +33,8 @@ def test_what_json_writes_is_read_as_it_was(value: object) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('{"a": NaN}', "NaN is no number"),
-        ("[-Infinity]", "-Infinity is no number"),
+        ('{"a": NaN}', "NaN is not a number"),
+        ("[-Infinity]", "-Infinity is not a number"),
         ("1e999", '"1e999" is too large for a number'),
         ("-1" + "0" * 18, "too large for a whole number"),
         ("1" * 5000, r'"1{56}\.\.\. is too large for a whole number'),
@@ -66,7 +66,7 @@ def test_bytes_that_are_no_utf8_are_refused() -> None:
 def test_a_file_is_refused_by_name_and_with_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text("NaN")
-    with pytest.raises(ConfigError, match=f"^{path}: not JSON: NaN is no number; ask again$"):
+    with pytest.raises(ConfigError, match=f"^{path}: not JSON: NaN is not a number; ask again$"):
         read_json(path, largest_bytes=10, otherwise="ask again")
 
 

@@ -55,7 +55,7 @@ def test_what_it_says_stands_beside_a_question_and_a_stop_says_what_becomes_of_t
     code, shown = turn(stop_at="pose 3", watch="pose 2")
     assert code == 2, shown
     assert re.search(r"board \d+\.\d deg, still; 1 of 4, \d+ s left\x1b\[K", shown), shown
-    assert "with 2 of 4 known angles taken; the repeated command starts again" in shown
+    assert "with 2 of 4 known angles taken; the same command begins anew" in shown
 
 
 @pytest.mark.ci  # beside tests/procedures/test_reported_by_hand.py, which needs no command and no port

@@ -12,8 +12,8 @@ from hiltest.commands.cli import every_command
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "firmware_stub").rglob("*.md")])
 
-PAGES_OF_COMMANDS = {name: name for name in ("bisect", "flash", "profile", "serve", "trend", "worst")}
-PAGES_OF_COMMANDS |= {"export": "trend", "report": "record"}
+PAGES_OF_COMMANDS = {name: name for name in ("bisect", "flash", "profile", "serve")}
+PAGES_OF_COMMANDS |= {"report": "record", "report export": "trend", "report trend": "trend", "profile worst": "worst"}
 
 
 def anchors(page: Path) -> set[str]:

@@ -98,7 +98,7 @@ def test_time_that_asking_takes_is_no_wrong_clock(board: Board, rig: Rig, monkey
 
 def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     others = replace(board.identity, build_id="0123456789abcdef", unique_id=bytes(15) + b"1")
-    monkeypatch.setattr(board, "identity", others)
+    monkeypatch.setattr(board.protocol, "identity", others)
     result = see_identity(board, rig, "hiltest flash --port usb://0240")
     assert result.health is Health.WARNING
     assert "0123456789abcdef" in result.finding
@@ -106,12 +106,12 @@ def test_a_build_of_someone_else_is_a_warning(board: Board, rig: Rig, monkeypatc
 
 
 def test_a_virtual_board_is_not_told_to_be_flashed(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(board, "identity", replace(board.identity, build_id="0123456789abcdef"))
+    monkeypatch.setattr(board.protocol, "identity", replace(board.identity, build_id="0123456789abcdef"))
     assert "hiltest serve" in see_identity(board, rig, "hiltest flash").remedy
 
 
 def test_a_core_without_a_cycle_counter_is_a_warning(board: Board, rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(board, "identity", replace(board.identity, cycle_source=CycleSource.NONE))
+    monkeypatch.setattr(board.protocol, "identity", replace(board.identity, cycle_source=CycleSource.NONE))
     assert see_cycle_counter(board, rig).health is Health.WARNING
 
 

@@ -91,7 +91,9 @@ def test_what_pyocd_cannot_do_is_said(
     assert "pyOCD cannot program the board: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("probes", "code", "message"), [(0, 20, "no FRDM-K64F is plugged in"), (2, 4, "2 boards fit")])
+@pytest.mark.parametrize(
+    ("probes", "code", "message"), [(0, 20, "no FRDM-K64F is plugged in"), (2, 4, "2 boards match")]
+)
 def test_there_must_be_one_probe(
     probes: int,
     code: int,

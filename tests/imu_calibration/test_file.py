@@ -96,7 +96,7 @@ def test_another_unit_frame_or_formula_is_refused_and_nothing_is_converted(
     answer = refusal(changed(calibration, place, other))
     assert answer.startswith(f"{place}: input should be '{right}")
     assert json.dumps(other)[:50] in answer
-    assert "units are not converted" in answer
+    assert "nothing is converted" in answer
 
 
 @pytest.mark.parametrize("unit", ["soft_iron", "hard_iron", "hard_iron_ut"])

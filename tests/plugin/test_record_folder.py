@@ -78,6 +78,6 @@ def test_hiltest_run_keeps_every_file_of_a_complete_run_when_tests_are_chosen(py
     assert {"run.json", "report.html", "junit.xml"} <= files.keys()
     result = pytester.run(*run, "--", "-k", "heat")
     assert result.ret == 0
-    result.stdout.fnmatch_lines(["*these tests are recorded in hil-out/chosen"])
+    result.stdout.fnmatch_lines(["*the chosen tests are recorded in hil-out/chosen"])
     assert {name: (pytester.path / "hil-out" / name).read_bytes() for name in files} == files
     assert {path.name for path in (pytester.path / "hil-out" / "chosen").iterdir()} == files.keys()

@@ -187,7 +187,7 @@ def test_keys_of_json_may_miss_and_one_that_comes_late_is_said(tmp_path: Path) -
     ("content", "complaint"),
     [
         ('{"x": 1}\n{"x": 1, "x": 2}\n{"x": 1}\n', ':2: key "x" stands twice in one object'),
-        ('{"x": 1}\n{"x": NaN}\n', ":2: NaN is no number"),
+        ('{"x": 1}\n{"x": NaN}\n', ":2: NaN is not a number"),
         ('{"x": 1}\n[1]\n{"x": 1}\n', "JSON, but not an object on each line"),
         ('{"x": 1}\n{"x": 1}\n[1]\n', ":3: not an object"),
         ('{"a": {"b": 1}, "a.b": 2}\n{"x": 1}\n', ":1: two keys are the same when levels are joined by points"),

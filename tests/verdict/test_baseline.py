@@ -231,7 +231,7 @@ def test_a_run_that_was_cut_short_is_no_baseline() -> None:
     [
         ('"hiltest.baseline/1"', '"hiltest.baseline/2"', "this hiltest reads"),
         ("[0.9, 1.8]", "[0.9]", "1 values for 2 seeds"),
-        ("[0.9, 1.8]", "[0.9, NaN]", "not JSON: NaN is no number"),
+        ("[0.9, 1.8]", "[0.9, NaN]", "not JSON: NaN is not a number"),
         ("[0.9, 1.8]", '[0.9, "1.8"]', "measurements.2.values.1"),
         ('"seeds": [1, 2],\n"measurements"', '"seeds": [1, 1],\n"measurements"', "seed 1 appears twice"),
         ('"seeds": [1, 2],\n"measurements"', '"seeds": [],\n"measurements"', "seeds is empty"),
