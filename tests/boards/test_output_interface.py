@@ -9,12 +9,14 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hiltest.boards import RealBoard, open_board
 from hiltest.errors import ConfigError, DeviceSilentError, LinkLostError, VersionMismatchError
+from hiltest.interfaces.fsflk import FsflkInterface
 from hiltest.interfaces.packets import AnglesPacket, MainPacket, encode
-from hiltest.interfaces.quantities import Quantity
+from hiltest.interfaces.quantities import Observation, Quantity
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.procedures.reported_headings import frame_of
 from hiltest.procedures.settling import wait_until_settled
@@ -197,6 +199,18 @@ def test_words_that_are_not_understood_are_shown(
     with pytest.raises(
         VersionMismatchError, match=r"none could be interpreted .* its output begins with '.*eading=12\.3"
     ):
+        open_board(rig, port=other.port)
+
+
+def test_an_exception_of_an_interface_of_ones_own_is_named_with_its_kind_and_the_bytes(
+    far_end: Callable[..., FarEnd], rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def feed(_decoder: FsflkInterface, data: bytes, _time_s: float) -> list[Observation]:
+        return [Observation(0.0, {Quantity.HEADING: np.array([float(data)])})]
+
+    monkeypatch.setattr(FsflkInterface, "feed", feed)
+    other = far_end(lambda number: b"north")
+    with pytest.raises(ConfigError, match=r"device\.kind fsflk: FsflkInterface\.feed .* ValueError .*b'north"):
         open_board(rig, port=other.port)
 
 

@@ -52,6 +52,6 @@ def test_a_kind_of_ones_own_is_found_by_its_entry_point(tmp_path: Path, monkeypa
     (nmea,) = interfaces.values()
     assert isinstance(nmea, StreamInterface)
     assert nmea.feed(b"$HCHDM,12", 0.0) == []
-    (answer,) = nmea.feed(b"3.4,M\r\n$HCXDR\n", 1.0)
+    (answer,) = nmea.feed(b"3.4,M\r\n$HCXDR\n$HCHDM,,M\n", 1.0)
     assert answer.values[Quantity.HEADING].tolist() == [123.4]
-    assert nmea.not_understood == 1
+    assert nmea.not_understood == 2

@@ -126,6 +126,7 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(capsys: pytest.Captu
         (("shipped", "crc32", "1"), "crc32 takes 2 arguments, 1 were given"),
         (("shipped", "crc32", "text:a", "1.5"), "argument 2 of crc32 is unsigned, not float"),
         (("shipped", "crc32", "--jsn", "1"), "'--jsn' is no argument"),
+        (("--jsn", "shipped", "crc32"), "No such option '--jsn'"),
         (("gone.elf", "main"), "gone.elf: No such file or directory; name the firmware's ELF"),
         ((*CRC, "--profile", "cortex-m7"), "no timing profile 'cortex-m7'; known: cortex-m4-k64f/1, cortex-m4-k64f/2"),
         ((*CRC, "--folded", "gone/stacks"), "cannot write gone/stacks: No such file or directory"),

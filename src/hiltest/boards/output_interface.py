@@ -23,7 +23,7 @@ from hiltest.errors import (
     LinkLostError,
     VersionMismatchError,
 )
-from hiltest.interfaces.kinds import Decoder, open_interfaces, sources_of
+from hiltest.interfaces.kinds import Decoder, feed_decoder, open_interfaces, sources_of
 from hiltest.interfaces.quantities import Moment, Observation, Quantity, StreamInterface
 from hiltest.link.ports import SerialPort
 from hiltest.link.transcript import Direction, Transcript
@@ -177,7 +177,7 @@ class OutputInterface:
             for kind, decoder in self.decoders.items():
                 observations: Sequence[Observation]
                 if isinstance(decoder, StreamInterface):
-                    observations = decoder.feed(data, now_s) if data else ()
+                    observations = feed_decoder(kind, decoder, data, now_s) if data else ()
                 else:
                     observations = [decoder.read(now_s)] if self._is_due(kind, now_s) else ()
                 heard += (self._use_as_source(kind, observation) for observation in observations)

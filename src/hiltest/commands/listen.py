@@ -75,10 +75,10 @@ class Understood:
 def listen(rig: str, port: str | None, firmware: Path | None, seconds: float | None) -> tuple[int, Understood]:
     """Show how hiltest interprets the output of foreign firmware.
 
-    Each line is shown with its interpretation; lines that could not be interpreted are marked with a question mark and
-    the reason. The rig's commands for the start are sent, the board is not turned, and there is no verdict: see
-    docs/text-compass.md. Variables are read once a second, from the virtual board or over the GDB server that the rig
-    names; they need --firmware.
+    Each line of text is shown with its interpretation; lines that could not be interpreted are marked with a question
+    mark and the reason. If the interface is your own, only the values are shown. The rig's commands for the start are
+    sent, the board is not turned, and there is no verdict: see docs/text-compass.md. Variables are read once a second,
+    from the virtual board or over the GDB server that the rig names; they need --firmware.
     """
     from hiltest.interfaces.trial import Trial
 

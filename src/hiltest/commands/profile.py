@@ -38,6 +38,13 @@ Exit codes:
 """
 
 
+def refuse_option(context: click.Context, _parameter: click.Parameter, text: str) -> str:
+    """Return the name of an ELF or a function; an unknown option would be taken for one."""
+    if text.startswith("-"):
+        raise click.NoSuchOption(text, ctx=context)
+    return text
+
+
 # Unknown options are allowed, since a negative number is an argument of the function.
 @click.command(epilog=_EPILOG, context_settings={"ignore_unknown_options": True})
 @click.option(
@@ -89,8 +96,8 @@ Exit codes:
     show_default=True,
     help="Stop a function that runs longer than this virtual time, in seconds.",
 )
-@click.argument("elf")
-@click.argument("function")
+@click.argument("elf", callback=refuse_option)
+@click.argument("function", callback=refuse_option)
 @click.argument("arguments", nargs=-1, type=click.UNPROCESSED)
 def profile(
     elf: str,
@@ -106,7 +113,8 @@ def profile(
 ) -> int:
     """Count the cycles of a function, by function and source line.
 
-    ELF is any program for a Cortex-M4; "shipped" is the packaged firmware.
+    ELF is any program for a Cortex-M4; "shipped" is the packaged firmware. hiltest profile worst searches for the
+    arguments that take the most cycles.
     """
     from hiltest.boards import default_firmware
     from hiltest.json_files import json_text

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import entry_points
 from types import MappingProxyType
 
-from hiltest.errors import ConfigError, nearest_hint
+from hiltest.errors import ConfigError, HiltestError, nearest_hint
 from hiltest.interfaces.fsflk import FsflkInterface
 from hiltest.interfaces.packets import Release
-from hiltest.interfaces.quantities import PolledInterface, Quantity, StreamInterface
+from hiltest.interfaces.quantities import Observation, PolledInterface, Quantity, StreamInterface
 from hiltest.interfaces.text_table import text_interface
 from hiltest.rig.device import Device
 from hiltest.rig.rig import Rig
 
 #: Group of entry points: each names a callable that takes the rig and returns an interface.
 GROUP = "hiltest.device"
+_SHOWN_BYTES = 48
 
 Decoder = StreamInterface | PolledInterface
 Opener = Callable[[Rig], Decoder]
@@ -67,6 +68,26 @@ def open_interfaces(rig: Rig, of_the_board: Mapping[str, Opener] = MappingProxyT
             )
         interfaces[kind] = kinds[kind](rig) if kind in kinds else own[kind].load()(rig)
     return interfaces
+
+
+def feed_decoder(kind: str, decoder: StreamInterface, data: bytes, time_s: float) -> Sequence[Observation]:
+    """Decode bytes that have arrived by a time; see `StreamInterface.feed`.
+
+    Raises
+    ------
+    ConfigError
+        When the interface of a user ends with an exception of its own.
+    """
+    try:
+        return decoder.feed(data, time_s)
+    except HiltestError:
+        raise
+    except Exception as error:
+        raise ConfigError(
+            f"device.kind {kind}: {type(decoder).__qualname__}.feed of {type(decoder).__module__} raises "
+            f"{type(error).__name__} ({error}) for the bytes {data[:_SHOWN_BYTES]!r}: "
+            "count such bytes in not_understood"
+        ) from error
 
 
 def sources_of(rig: Rig, interfaces: Mapping[str, Decoder]) -> dict[Quantity, str]:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.interfaces.kinds import feed_decoder
 from hiltest.interfaces.memory_interface import MemoryInterface
 from hiltest.interfaces.quantities import Quantity, StreamInterface
 from hiltest.interfaces.text_interface import Reading, TextInterface
@@ -64,8 +65,8 @@ class Trial:
 
     def take(self, data: bytes, time_s: float) -> Iterator[Heard]:
         """Yield the lines or packets that bytes complete."""
-        for interface in self._interfaces.values():
-            for reading in _readings(interface, data, time_s):
+        for kind, interface in self._interfaces.items():
+            for reading in _readings(kind, interface, data, time_s):
                 self._count(reading.values, time_s)
                 self.understood += reading.understood
                 if not reading.understood:
@@ -130,13 +131,13 @@ class Trial:
         return is_said or (self._memory is not None and quantity in self._memory.offers)
 
 
-def _readings(interface: StreamInterface, data: bytes, time_s: float) -> Sequence[Reading]:
+def _readings(kind: str, interface: StreamInterface, data: bytes, time_s: float) -> Sequence[Reading]:
     """Return the readings that bytes complete; without text if the interface has no lines."""
     if isinstance(interface, TextInterface):
         return interface.readings(data)
     return [
         Reading("", observation.values, observation.error, understood=True)
-        for observation in interface.feed(data, time_s)
+        for observation in feed_decoder(kind, interface, data, time_s)
     ]
 
 

@@ -34,7 +34,7 @@ _NAMES = {
     "left_percent": "left of a turn",
 }
 WIDTH = 80
-# Number of calibrators that fit as columns; more become rows, or on a page several tables.
+# Number of calibrators in one table of a page; more become several tables.
 _MOST_COLUMNS = 5
 # Figures that are nearly equal for all calibrators, or only exist on a board.
 _OF_SAMPLES = ("coverage [%]", "condition of the samples", "from all samples [deg]")
@@ -47,7 +47,10 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     points = f"{fit.n_in} points, columns {', '.join(fit.columns)} [{fit.unit}]"
     console.print(escape(f"{fit.file}: {points}"), soft_wrap=True)
     shown = _select_shown(fit)
-    grid = _grid(shown) if len(shown.calibrators) <= _MOST_COLUMNS else _grid_of_rows(shown)
+    grid = _grid(shown)
+    unlimited = console.options.update(max_width=10 * WIDTH)
+    if console.measure(grid, options=unlimited).maximum > WIDTH:
+        grid = _grid_of_rows(shown)
     console.print(grid, width=min(WIDTH, console.width))
     if fit.gravity is not None and not fit.gravity.unused:
         console.print(_gravity_grid(fit, fit.gravity), width=min(WIDTH, console.width))
