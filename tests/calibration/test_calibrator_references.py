@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hiltest.calibration import FIRMWARE, FitStatus, fit_direct, fit_iterative, fit_sphere, reference
@@ -36,6 +36,11 @@ def _rotation(about_z: float, about_x: float) -> np.ndarray:
 def test_noiseless_ellipsoids_are_found_exactly(
     name: str, eigenvalues: tuple[float, ...], offset: tuple[float, ...], about_z: float, about_x: float
 ) -> None:
+    if (
+        name == "li"
+    ):  # its constraint 4 J - I^2 = 1 has no solution at two to one about one axis, and a poor one near it
+        shape = np.array(eigenvalues) ** -2
+        assume(2.0 * shape.sum() ** 2 - 2.0 * (shape**2).sum() > 1.01 * shape.sum() ** 2)
     axes = _rotation(about_z, about_x)
     distortion = (axes * eigenvalues) @ axes.T
     points = 500.0 * sphere_directions(40) @ distortion + offset
