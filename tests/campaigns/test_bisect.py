@@ -40,9 +40,9 @@ from hiltest.interfaces.quantities import Quantity
 pytestmark = pytest.mark.hil
 
 
-def test_heading(compass, measure):
-    compass.observe(0.2)
-    measure("heading.firmware.rms", abs(float(compass.latest[Quantity.HEADING][0]) - 90.0), "deg")
+def test_heading(board, measure):
+    board.output.observe(0.2)
+    measure("heading.firmware.rms", abs(float(board.output.latest[Quantity.HEADING][0]) - 90.0), "deg")
 
 
 def test_lamp(measure):
@@ -243,17 +243,17 @@ def test_the_same_command_again_builds_and_runs_nothing_that_was_built(
 )
 def test_what_cannot_be_bisected_is_said_at_once(
     forty: tuple[Repository, Sequence[str]],
-    found: Done,
+    done: Done,
     good: int,
     bad: int,
     options: tuple[str, ...],
     complaint: str,
 ) -> None:
     repository, commits = forty
-    assert found.code == 0
-    done = repository.bisect(commits[good], commits[bad], *options)
-    assert done.code == 4, done.out + done.errors
-    assert complaint in done.errors.splitlines()[-1]
+    assert done.code == 0
+    refusal = repository.bisect(commits[good], commits[bad], *options)
+    assert refusal.code == 4, refusal.out + refusal.errors
+    assert complaint in refusal.errors.splitlines()[-1]
     assert "step 1" not in done.errors
 
 
