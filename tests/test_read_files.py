@@ -137,7 +137,7 @@ def test_what_no_such_file_can_be_is_refused_at_once(option: str, kind: str, inp
         assert any(reason in done.stdout + done.stderr for reason in ("regular file", "larger than", "binary file"))
 
 
-@pytest.mark.parametrize("option", ["run --rig", "profile elf", "export run", "timing show --profile"])
+@pytest.mark.parametrize("option", ["run --rig", "profile elf", "report export run", "timing show --profile"])
 def test_a_pipe_is_refused_where_a_file_is_read_more_than_once(option: str, inputs: Path, tmp_path: Path) -> None:
     path = tmp_path / f"hostile{ENDS.get(option, '')}"
     make("pipe", path)

@@ -254,7 +254,7 @@ def test_what_cannot_be_bisected_is_said_at_once(
     refusal = repository.bisect(commits[good], commits[bad], *options)
     assert refusal.code == 4, refusal.out + refusal.errors
     assert complaint in refusal.errors.splitlines()[-1]
-    assert "step 1" not in done.errors
+    assert "step 1" not in refusal.errors
 
 
 def test_where_the_commits_before_a_worse_one_cannot_be_judged_it_says_one_of_these(
