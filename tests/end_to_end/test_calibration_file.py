@@ -202,7 +202,7 @@ def test_a_file_in_other_units_ends_the_run_before_it_begins(calibrated: Path, r
     (tmp_path / FILE).write_text(text, encoding="utf-8")
     run = run_in(tmp_path, "--calibration", FILE)
     assert run.code == 4
-    assert "magnetometer.units.hard_iron: input should be 'count', not \"uT\"; units are not converted" in run.errors
+    assert "magnetometer.units.hard_iron: input should be 'count', not \"uT\"; nothing is converted" in run.errors
 
 
 @pytest.mark.parametrize(
