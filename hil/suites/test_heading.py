@@ -28,8 +28,8 @@ pytestmark = pytest.mark.hil
 # The limit of a calibrator that the rig does not name: the thesis' goal for a compass heading.
 # A measurement under [information] has no limit.
 GOAL = Limit(max=2.0)
-# Of headings computed from what firmware reports of its field and its calibration: farther off, these do not belong to
-# the heading that it reports. A field in whole uT is wrong by 2 degrees, exchanged numbers by more than 7.
+# Limit of headings that are computed from the field and the calibration that firmware reports: beyond it, these do not
+# belong to the heading that it reports. A field in whole uT is wrong by 2 degrees, exchanged numbers by more than 7.
 TOGETHER = Limit(max=5.0)
 # Largest bias beyond what is not known of the mounting, or of angles that a hand sets [deg]; the shipped rigs allow the
 # same. What is measured up to here is then proven to be within the limit.

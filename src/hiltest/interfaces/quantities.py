@@ -83,6 +83,11 @@ class Observation:
     """True if it had a check value, which is correct."""
 
 
+def values_of(observations: Sequence[Observation], quantity: Quantity) -> list[NDArray[np.float64]]:
+    """Return the values of a quantity, of the observations that have one, each of shape (size,)."""
+    return [observation.values[quantity] for observation in observations if quantity in observation.values]
+
+
 @runtime_checkable
 class StreamInterface(Protocol):
     """Decoder of firmware's output on its line.

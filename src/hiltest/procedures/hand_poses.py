@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +120,7 @@ class Glance(NamedTuple):
     """The board's heading while a question waits."""
 
     heading_deg: float | None
-    """None if it has none."""
+    """Heading from magnetic north; empty if the board has no heading."""
     moves: bool
     """True if the board moves."""
 
@@ -131,9 +131,10 @@ class Glance(NamedTuple):
 
 
 Taken = TypeVar("Taken")
+Reading = TypeVar("Reading", covariant=True)
 
 
-class PoseReader(Protocol[Taken]):
+class PoseReader(Protocol[Reading]):
     """Reads a board at known angles, by its interface to the firmware.
 
     Attributes
@@ -150,20 +151,14 @@ class PoseReader(Protocol[Taken]):
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
 
-    def read(self, pose: Pose) -> Taken:
+    def read(self, pose: Pose) -> Reading:
         """Read the board at a pose where its table stands."""
 
-    def read_when_still(self, pose: Pose) -> tuple[Taken | None, str]:
+    def read_when_still(self, pose: Pose) -> tuple[Reading | None, str]:
         """Read the board as soon as it stands; return None and a description of the motion if it does not."""
 
     def glance(self) -> Glance:
         """Return the board's heading now."""
-
-    def calibration_numbers(self) -> dict[str, list[float]]:
-        """Return the parameters of the calibrations that the readings depend on."""
-
-    def is_of_this_run(self, reading: Taken) -> bool:
-        """Return whether a stored reading has all that this run asks for."""
 
 
 class PoseJournal(Protocol):
@@ -174,6 +169,18 @@ class PoseJournal(Protocol):
 
     def keep(self, index: int, measured: tuple[Achieved, Any]) -> None:
         """Store a pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPoses(Generic[Taken]):
+    """Poses that an earlier run captured, and a place for more."""
+
+    readings: Mapping[int, tuple[Achieved, Taken]]
+    """Results by the index of the pose."""
+    message: str
+    """Message for the operator."""
+    keep: Callable[[int, tuple[Achieved, Taken]], object]
+    """Stores a pose."""
 
 
 def walk_by_hand(
@@ -253,31 +260,30 @@ def walk_by_hand(
 
 
 def take_by_hand(
-    reader: PoseReader[Taken], table: OperatorTurntable, poses: Sequence[Pose], journal: PoseJournal | None
+    reader: PoseReader[Taken], table: OperatorTurntable, poses: Sequence[Pose], stored: StoredPoses[Taken] | None
 ) -> dict[int, tuple[Achieved, Taken]]:
     """Ask for each pose, wait until the board stands still, and read it; see `walk_by_hand` for errors.
 
     Parameters
     ----------
-    journal
-        Stores captured poses, and returns those stored already; None if the run cannot go on after a stop.
+    stored
+        Poses that an earlier run captured; None if no journal is kept.
 
     Returns
     -------
     dict of int to (Achieved, reading)
         Results by the index of the pose, in order, without skipped ones.
     """
-    stored, message = journal.earlier(reader.calibration_numbers()) if journal else ({}, "")
-    readings: dict[int, tuple[Achieved, Taken]] = {
-        index: place for index, place in stored.items() if 0 <= index < len(poses) and reader.is_of_this_run(place[1])
-    }
+    readings = (
+        {} if stored is None else {index: place for index, place in stored.readings.items() if index < len(poses)}
+    )
 
     def take(at: int, heading_deg: float) -> str:
         reading, motion = reader.read_when_still(poses[at])
         if reading is not None:
             readings[at] = table.achieved(poses[at], heading_deg), reading
-            if journal:
-                journal.keep(at, readings[at])
+            if stored is not None:
+                stored.keep(at, readings[at])
         return motion
 
     walk_by_hand(
@@ -287,7 +293,7 @@ def take_by_hand(
         take=take,
         look=reader.glance if reader.may_glance else None,
         now_s=reader.now_s,
-        say=message if reader.can_go_on else BEGINS_ANEW,
+        say=BEGINS_ANEW if not reader.can_go_on else stored.message if stored is not None else "",
         stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
     )
     return dict(sorted(readings.items()))

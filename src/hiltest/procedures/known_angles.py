@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_360
-from hiltest.procedures.hand_poses import PoseJournal, PoseReader, Taken, missing_in_words, take_by_hand
+from hiltest.procedures.hand_poses import PoseReader, StoredPoses, Taken, missing_in_words, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
@@ -38,11 +38,11 @@ class KnownAngles:
     @property
     def error_deg(self) -> dict[str, Reals]:
         """Heading minus reference in (-180, 180], shape (n,), by source."""
-        references = self.reference_deg.tolist()
-        return {
-            source: np.array([heading_error_deg(*pair) for pair in zip(headings.tolist(), references, strict=True)])
-            for source, headings in self.heading_deg.items()
-        }
+        return {source: self._errors_deg(source) for source in self.heading_deg}
+
+    def _errors_deg(self, source: str) -> Reals:
+        pairs = zip(self.heading_deg[source].tolist(), self.reference_deg.tolist(), strict=True)
+        return np.array([heading_error_deg(*pair) for pair in pairs])
 
     @property
     def not_measured(self) -> str:
@@ -60,12 +60,12 @@ class KnownAngles:
 
     def summary(self, source: str) -> HeadingSummary:
         """Return the statistics of one source."""
-        return summarise(self.error_deg[source], self.reference_deg, level=self.level)
+        return summarise(self._errors_deg(source), self.reference_deg, level=self.level)
 
     def max_level_deg(self, source: str) -> float | None:
         """Return the largest error of a source over the level poses; None if none was taken."""
         level = self.level
-        return summarise(self.error_deg[source][level], self.reference_deg[level]).max_deg if level.any() else None
+        return summarise(self._errors_deg(source)[level], self.reference_deg[level]).max_deg if level.any() else None
 
 
 def take_known_angles(
@@ -74,7 +74,7 @@ def take_known_angles(
     poses: Sequence[Pose],
     *,
     progress: Progress | None = None,
-    journal: PoseJournal | None = None,
+    stored: StoredPoses[Taken] | None = None,
 ) -> dict[int, tuple[Achieved, Taken]]:
     """Turn to each pose and read the board there.
 
@@ -86,8 +86,8 @@ def take_known_angles(
         Turntable whose angle is the reference, independent of the sensors under test.
     poses
         Poses, at least one.
-    journal
-        Stores captured poses of an operator, and returns those stored already.
+    stored
+        Poses that an operator captured in an earlier run.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def take_known_angles(
         Results by the index of the pose, in order, without those that an operator skipped.
     """
     if isinstance(turntable, OperatorTurntable):
-        return take_by_hand(reader, turntable, poses, journal)
+        return take_by_hand(reader, turntable, poses, stored)
     tell, readings = progress or silent, {}
     for index, pose in enumerate(poses):
         tell("known angles", index, len(poses))

@@ -12,7 +12,7 @@ from hiltest.boards import Board, open_board
 from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import residual_percent
-from hiltest.interfaces.quantities import Quantity
+from hiltest.interfaces.quantities import Quantity, values_of
 from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
 from hiltest.orientation import DegenerateFieldError
@@ -110,7 +110,7 @@ def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tup
     for number, moment_s in enumerate(moments_s.tolist()):
         tell("the rig's firmware", number, len(moments_s))
         observations = output.observe(max(0.0, moment_s - board.now_s()))
-        heard = [entry.values[Quantity.HEADING] for entry in observations if Quantity.HEADING in entry.values]
+        heard = values_of(observations, Quantity.HEADING)
         headings.append(frame.heading_deg(float(heard[-1][0])) if heard else None)
     output.observe(max(0.0, end_s - board.now_s()) + output.device.settle_s)
     tell("the rig's firmware", len(moments_s), len(moments_s))

@@ -13,7 +13,7 @@ from hiltest.boards.board import Board
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.errors import PoorCoverageError
 from hiltest.interfaces.frames import FRAMES, Frame
-from hiltest.interfaces.quantities import Moment, Observation, Quantity
+from hiltest.interfaces.quantities import Moment, Observation, Quantity, values_of
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180
 from hiltest.procedures.conventions import other_frame, other_tilt, other_way, standing_still
@@ -38,7 +38,9 @@ CALIBRATED = "calibrated"
 
 #: Quantities that give gravity, the calibrated one first.
 _GRAVITY = (Quantity.ACCELEROMETER_CALIBRATED, Quantity.ACCELEROMETER)
-_FIELD = (Quantity.MAGNETOMETER, Quantity.MAGNETOMETER_CALIBRATED)
+# Raw readings come first where motion is looked for: a calibration may change between two windows.
+_FIELD_RAW_FIRST = (Quantity.MAGNETOMETER, Quantity.MAGNETOMETER_CALIBRATED)
+_GRAVITY_RAW_FIRST = (Quantity.ACCELEROMETER, Quantity.ACCELEROMETER_CALIBRATED)
 # Duration of one reading while a question waits [s]: three lines at ten per second.
 _GLANCE_S = 0.3
 # Change of heading between two readings on a table that turns at 3 degrees per second; the noise of three lines is 0.3.
@@ -194,11 +196,7 @@ def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Pro
 
 def is_calibrated(observations: Sequence[Observation]) -> bool:
     """Return whether the firmware reports that it is calibrated."""
-    return any(
-        float(observation.values[Quantity.CALIBRATED][0]) != 0.0
-        for observation in observations
-        if Quantity.CALIBRATED in observation.values
-    )
+    return any(float(value[0]) != 0.0 for value in values_of(observations, Quantity.CALIBRATED))
 
 
 class ReportReader:
@@ -259,14 +257,6 @@ class ReportReader:
             moves = not all(pair) or abs(wrap_180(mean_deg - circular_mean_deg(pair[0]))) > _TURNED_DEG
         return Glance(mean_deg if pair[1] else None, moves)
 
-    def calibration_numbers(self) -> dict[str, list[float]]:
-        """Return nothing: the firmware calibrates itself."""
-        return {}
-
-    def is_of_this_run(self, reading: Settled) -> bool:
-        """Return False: the firmware does not show that its calibration is that of an earlier run."""
-        return False
-
     def _movement(self, before: Sequence[Observation], after: Sequence[Observation]) -> str:
         """Describe how the board moved between two windows; empty if it stood, or the firmware reports no vectors.
 
@@ -280,16 +270,12 @@ class ReportReader:
         return moved(*pair, noise_ut) if min(readings.n for readings in pair) else ""
 
     def _headings(self, observations: Sequence[Observation]) -> list[float]:
-        values = [
-            observation.values[Quantity.HEADING]
-            for observation in observations
-            if Quantity.HEADING in observation.values
-        ]
-        return [self._frame.heading_deg(float(value[0])) for value in values]
+        headings = values_of(observations, Quantity.HEADING)
+        return [self._frame.heading_deg(float(value[0])) for value in headings]
 
 
 def _stillness(observations: Sequence[Observation]) -> Readings:
-    field, gravity = _vectors(observations, _FIELD), _vectors(observations, _GRAVITY[::-1])
+    field, gravity = _vectors(observations, _FIELD_RAW_FIRST), _vectors(observations, _GRAVITY_RAW_FIRST)
     vectors = [vector for vector in (field, gravity) if vector is not None]
     spread_g = gravity.std(axis=0, ddof=1).max() if gravity is not None and len(gravity) > 1 else 0.0
     return Readings(
@@ -303,8 +289,7 @@ def _stillness(observations: Sequence[Observation]) -> Readings:
 def _vectors(observations: Sequence[Observation], quantities: Sequence[Quantity]) -> Reals | None:
     """Return the values of the first quantity that has any, shape (n, 3); None if none has."""
     for quantity in quantities:
-        values = [observation.values[quantity] for observation in observations if quantity in observation.values]
-        if values:
+        if values := values_of(observations, quantity):
             return np.array(values, dtype=np.float64)
     return None
 
@@ -402,9 +387,7 @@ def _tilts(held: Sequence[HeldPose], board: Board) -> list[_Tilt]:
 
 def _angle(settled: Settled, quantity: Quantity) -> float | None:
     """Return the mean of an angle over the last window."""
-    angles = [
-        float(observation.values[quantity][0]) for observation in settled.window if quantity in observation.values
-    ]
+    angles = [float(value[0]) for value in values_of(settled.window, quantity)]
     return circular_mean_deg(angles) if angles else None
 
 
@@ -431,7 +414,7 @@ def _gravity(board: Board) -> Quantity:
 
 
 def _mean(settled: Settled, quantity: Quantity, converted: Callable[[Reals], Reals]) -> Reals | None:
-    vectors = [observation.values[quantity] for observation in settled.window if quantity in observation.values]
+    vectors = values_of(settled.window, quantity)
     return converted(np.mean(vectors, axis=0)) if vectors else None
 
 

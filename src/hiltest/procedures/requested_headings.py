@@ -25,7 +25,7 @@ from hiltest.link.replies import (
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, heading_error_deg, wrap_180
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
-from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, moved, place_of
+from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, StoredPoses, moved, place_of
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
 from hiltest.procedures.progress import Progress
@@ -131,19 +131,18 @@ class RequestReader:
         attitude = reply.headings[self._shown].attitude
         return Glance(attitude.heading_deg if attitude else None, bool(moves))
 
-    def calibration_numbers(self) -> dict[str, list[float]]:
-        """Return the parameters of the calibrations on the board."""
+    def stored_poses(self, journal: PoseJournal) -> StoredPoses[AverageReply]:
+        """Return the poses of a journal that were captured under the present calibrations, with all their headings."""
         numbers = {}
         for name, slot in self._slots.items():
             calibration = self._board.session.request(GetCalibration(slot))
             fit = self._board.session.request(GetAccelerometer(slot))
             parts = (calibration.soft_iron, calibration.hard_iron, fit.gain, fit.offset)
             numbers[name] = np.concatenate([part.ravel() for part in parts]).tolist()
-        return numbers
-
-    def is_of_this_run(self, reading: AverageReply) -> bool:
-        """Return whether a stored reading has the headings that this run asks for."""
-        return set(reading.headings) == set(self._slots.values())
+        poses, message = journal.earlier(numbers)
+        slots = set(self._slots.values())
+        complete = {index: place for index, place in poses.items() if index >= 0 and set(place[1].headings) == slots}
+        return StoredPoses(complete, message, journal.keep)
 
     def _check(self, pose: Pose, reply: AverageReply) -> None:
         for name, slot in self._slots.items():
@@ -190,7 +189,8 @@ def measure_known_angles(
     for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
         board.sensor(kind)
     reader = RequestReader(board, slots, readings)
-    by_index = take_known_angles(reader, turntable, poses, progress=progress, journal=journal)
+    stored = reader.stored_poses(journal) if journal else None
+    by_index = take_known_angles(reader, turntable, poses, progress=progress, stored=stored)
     known_angles = _requested_angles(
         poses,
         by_index,
