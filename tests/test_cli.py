@@ -164,7 +164,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
         (["run", "--may-fail", "2"], "ERROR: --may-fail needs several seeds: add --seeds"),
         (["run", "-k", "heading"], "'-k'. Options of pytest follow --: hiltest run -- -k heading"),
-        (["dance"], "No such command 'dance'"),
+        (["dance"], "ERROR: No such command 'dance'."),
+        (["profil", "worse"], "No such command 'profil'. Did you mean 'profile worst'?"),
     ],
 )
 def test_a_wrong_command_line_ends_with_4_and_says_why(tmp_path: Path, arguments: list[str], complaint: str) -> None:

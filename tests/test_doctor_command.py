@@ -27,6 +27,10 @@ def test_a_bench_without_a_board_ends_with_20_and_a_remedy(tree: UsbTree, capsys
     ]
 
 
+def test_a_port_that_does_not_exist_ends_with_4_as_it_does_for_a_run(tree: UsbTree) -> None:
+    assert run("doctor", "--port", "/dev/nope") == 4
+
+
 def test_two_boards_end_with_4_and_how_to_name_one(tree: UsbTree, capsys: pytest.CaptureFixture[str]) -> None:
     tree.plug_in()
     tree.plug_in(serial="0240ffff", tty="ttyACM1")

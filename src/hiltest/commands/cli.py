@@ -6,6 +6,7 @@ import errno
 import io
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -56,7 +57,8 @@ class _Commands(click.Group):
             name = " ".join(words[:count])
             if name in _COMMANDS:
                 return name, self.get_command(context, name), words[count:]
-        return super().resolve_command(context, words)
+        nearest = get_close_matches(" ".join(words[:2]), _COMMANDS, 1) or get_close_matches(words[0], _COMMANDS, 1)
+        context.fail(f"No such command {words[0]!r}." + "".join(f" Did you mean {name!r}?" for name in nearest))
 
     def list_commands(self, _context: click.Context) -> list[str]:
         return [name for name in _COMMANDS if " " not in name]
@@ -134,7 +136,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         code = command(args=words, prog_name="hiltest", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        if isinstance(error, click.UsageError) and error.ctx is not None:
+            click.echo(error.ctx.get_usage(), err=True)
+            click.echo(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
+        click.echo(f"ERROR: {error.format_message()}", err=True)
         code = _report_failure(error, error.format_message(), _USAGE_ERROR, as_json=as_json)
     except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)

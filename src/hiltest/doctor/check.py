@@ -64,7 +64,7 @@ def check_from_error(name: str, error: HiltestError, port: str | None = None) ->
 
 
 def exit_code(checks: list[Check]) -> ExitCode:
-    """Return the command's exit code: wrong firmware precedes a lost connection, and warnings do not count."""
+    """Return the command's exit code: the first of wrong usage, wrong firmware and a lost connection."""
     codes = {check.exit_code for check in checks}
-    first = (ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST)
+    first = (ExitCode.USAGE_ERROR, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST)
     return next((code for code in first if code in codes), ExitCode.OK)

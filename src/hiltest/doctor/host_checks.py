@@ -14,6 +14,7 @@ from pathlib import Path
 from hiltest.boards.daplink import NO_PORT, UsbBoard, plugged_in
 from hiltest.doctor.check import Check, failed, not_looked_at, ok, warning
 from hiltest.rig.bench_files import shipped
+from hiltest.run_record.exit_codes import ExitCode
 from hiltest.text import join_words, legible
 
 RULES = "70-hiltest.rules"
@@ -106,7 +107,8 @@ def see_permission(port: HostPort) -> Check:
     try:
         status = port.path.stat()
     except OSError as error:
-        return failed("permission", f"{port.path}: {error.strerror}", "name a port that `hiltest ports` lists")
+        remedy = "name a port that `hiltest ports` lists"
+        return failed("permission", f"{port.path}: {error.strerror}", remedy, ExitCode.USAGE_ERROR)
     if os.access(port.path, os.R_OK | os.W_OK, effective_ids=True):
         return ok("permission", f"{port.path} can be read and written")
     return failed("permission", f"{port.path} is not readable and writable for this user", _access_remedy(port, status))
