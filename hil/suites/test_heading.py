@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from hiltest.calibration.heading_bound import HeadingBound
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
@@ -17,6 +18,7 @@ from hiltest.procedures import (
     Tumble,
     float32_error_deg,
 )
+from hiltest.procedures.expected_errors import expected_errors, refuse_impossible_errors
 from hiltest.procedures.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.procedures.reported_headings import FIRMWARE, ReportedAngles
 from hiltest.rig import Rig
@@ -99,8 +101,14 @@ def test_heading_at_known_angles(
     measure.table(*table_of_poses(known_angles))
     if isinstance(known_angles, RequestedAngles):
         record_evidence(known_angles, rig, measure)
-    elif isinstance(known_angles, ReportedAngles):
+        tumble, calibrations = request.getfixturevalue("tumble"), request.getfixturevalue("calibrations")
+        bounds = expected_errors(known_angles, rig, tumble=tumble, calibrations=calibrations)
+    else:
+        bounds = expected_errors(known_angles, rig)
+    measure.table(*table_of_expected_errors(bounds))
+    if isinstance(known_angles, ReportedAngles):
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
+    refuse_impossible_errors(known_angles, bounds)
 
 
 def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig: Rig) -> dict[str, Limit]:
@@ -133,6 +141,15 @@ def table_of_poses(known_angles: KnownAngles) -> tuple[str, dict[str, str], list
         columns |= {f"{prefix}.{source}": ("deg", values.tolist()) for source, values in by_source.items()}
     rows = [list(row) for row in zip(*(values for _, values in columns.values()), strict=True)]
     return "heading.poses", {name: unit for name, (unit, _) in columns.items()}, rows
+
+
+def table_of_expected_errors(bounds: dict[str, HeadingBound]) -> tuple[str, dict[str, str], list[list[object]]]:
+    """Return the table of errors that noise makes unavoidable: its name, its columns with their units, and its rows."""
+    numbers = ("rms", "fit_rms", "readings_rms", "expected_largest", "largest_in_99_percent")
+    rows = [
+        [source, *(round(getattr(bound, f"{number}_deg"), 4) for number in numbers)] for source, bound in bounds.items()
+    ]
+    return "heading.expected", {"source": "", **dict.fromkeys(numbers, "deg")}, rows
 
 
 def record_evidence(known_angles: RequestedAngles, rig: Rig, measure: Measure) -> None:

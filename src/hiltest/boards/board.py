@@ -378,6 +378,10 @@ class Board(ABC):
         """Return the bytes that the firmware takes, see `seen_memory_use`, or the reason why they are unknown."""
         return NO_MEMORY_USE
 
+    def magnetometer_samples(self) -> int | None:
+        """Return the number of samples that magnetometers have delivered to the firmware so far; None if unknown."""
+        return None
+
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None if unknown."""
         return None

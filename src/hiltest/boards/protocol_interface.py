@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from hiltest.boards.delivered_samples import DeliveredSamples
 from hiltest.boards.sample_checks import SampleChecks
 from hiltest.errors import DeviceError, HiltestError, ProtocolError, SensorAbsentError
 from hiltest.interfaces.quantities import Quantity
 from hiltest.link.messages import Select, Sensors
 from hiltest.link.ports import SerialPort
 from hiltest.link.replies import Identity, SensorInfo, SensorKind
+from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.link.transcript import Transcript
 from hiltest.tape.tape import Tape
@@ -56,6 +59,10 @@ class ProtocolInterface:
         Name of the sensor to use for each kind; without a name the first that is present.
     is_noise_free
         Returns whether the true readings of a kind of sensor have no noise, so that equal samples are no fault.
+    tape
+        Records the errors of `delivered`, or raises the recorded ones.
+    delivered
+        Returns the checks of replies against delivered samples; None if the board does not see them.
 
     Attributes
     ----------
@@ -83,7 +90,13 @@ class ProtocolInterface:
     )
 
     def __init__(
-        self, session: Session, sensor_names: Mapping[SensorKind, str], is_noise_free: Callable[[SensorKind], bool]
+        self,
+        session: Session,
+        sensor_names: Mapping[SensorKind, str],
+        is_noise_free: Callable[[SensorKind], bool],
+        *,
+        tape: Tape,
+        delivered: Callable[[Sequence[SensorInfo]], DeliveredSamples] | None = None,
     ) -> None:
         self.session, self._sensor_names = session, sensor_names
         try:
@@ -91,7 +104,8 @@ class ProtocolInterface:
             self.identity: Identity = session.identify()
             self.sensors: tuple[SensorInfo, ...] = self._select()
             self.sample_checks = SampleChecks(lambda kind: self.sensor(kind).name, is_noise_free)
-            session.on_reply = self.sample_checks.reply
+            self._tape, self._delivered = tape, delivered(self.sensors) if delivered else None
+            session.on_reply = self._check_reply
         except HiltestError as error:
             session.close()
             if isinstance(error, DeviceError):
@@ -136,6 +150,12 @@ class ProtocolInterface:
             [sensor.name for sensor in self.sensors if sensor.present],
             _SHIELD_HINT,
         )
+
+    def _check_reply(self, request: Request[Any], reply: object) -> None:
+        # Firmware that repeats a sample is not a sensor that does: the samples of the bus tell the two apart.
+        delivered = self._delivered
+        self._tape.check("board.delivered", lambda: delivered.check(request, reply) if delivered else None)
+        self.sample_checks.reply(reply)
 
     def close(self) -> None:
         """Close the port."""

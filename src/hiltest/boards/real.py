@@ -81,7 +81,7 @@ class RealBoard(Board):
         # Other programs may have used the line before, so a random seed avoids their nonces.
         terms = LinkTerms(nonce_seed=secrets.randbits(32), attempts=ATTEMPTS)
         session = terms.session(open_line, transcript, tape)
-        interface = ProtocolInterface(session, declared.sensor_names, self.is_noise_free)
+        interface = ProtocolInterface(session, declared.sensor_names, self.is_noise_free, tape=tape)
         super().__init__(interface, description=f"FRDM-K64F on {url}", declared=declared)
         if self.identity.unique_id == REPLAYED_UNIQUE_ID:  # id that `hiltest serve --replay` reports
             self.kind = BoardKind.REPLAY

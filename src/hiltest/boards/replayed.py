@@ -42,8 +42,10 @@ FACTS_WITH_REQUESTS = FACTS | {
     "true_disturbances_ut",
 }
 """Such members if the firmware answers requests."""
-FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware"}
+FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "magnetometer_samples"}
 """Such members if it does not."""
+_LATER = frozenset({"magnetometer_samples"})
+"""Members that recordings of earlier versions lack."""
 
 
 def put_on_tape(board: Board, tape: Tape) -> dict[str, Any]:
@@ -52,7 +54,8 @@ def put_on_tape(board: Board, tape: Tape) -> dict[str, Any]:
     for name in sorted(FACTS_WITH_REQUESTS if board.answers_requests else FACTS_OF_OUTPUT):
         member, question = member_of(Board, name), f"board.{name}"
         if member.is_method:
-            setattr(board, name, tape.method(question, member, getattr(board, name)))
+            method = tape.method(question, member, getattr(board, name), may_be_absent=name in _LATER)
+            setattr(board, name, method)
             continue
         facts[name] = tape.ask(question, {}, member.hint, partial(getattr, board, name))
         if not isinstance(getattr(Board, name, None), property):
@@ -87,7 +90,7 @@ class ReplayBoard(Board):
         interface: ProtocolInterface | OutputInterface
         if rig.answers_requests:
             session = LinkTerms(nonce_seed=0, attempts=ATTEMPTS).session(_refuse_call, transcript, tape)
-            interface = ProtocolInterface(session, declared.sensor_names, self.is_noise_free)
+            interface = ProtocolInterface(session, declared.sensor_names, self.is_noise_free, tape=tape)
             tape.ask("board.check", {}, NoneType, _refuse_call)
         else:
             port = tape.port(_refuse_call)

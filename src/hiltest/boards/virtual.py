@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import NoneType
@@ -13,6 +13,7 @@ import numpy as np
 
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
+from hiltest.boards.delivered_samples import DeliveredSamples
 from hiltest.boards.faulty_port import with_faults
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_use import seen_memory_use
@@ -22,7 +23,7 @@ from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.framing import Frame
 from hiltest.link.ports import READ_SLICE_S, SerialPort
-from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost
+from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost, SensorInfo, SensorKind
 from hiltest.link.session import ATTEMPTS, Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
@@ -31,7 +32,6 @@ from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.virtual.calls.call_watch import CallWatch
 from hiltest.virtual.counts.cycle_range import TimedSteps, range_where_it_ran
-from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.world import Vector
@@ -45,15 +45,15 @@ _FUNCTIONS = {"dpi": "fit_pairs"}
 
 
 class _Session(Session):
-    """A session in which each new request clears the recorded readings of the cycle counter; a repetition does not."""
+    """A session in which each new request clears the records of the one before; a repetition does not."""
 
-    def __init__(self, counter: CycleCounter, port: SerialPort, **terms: Any) -> None:
+    def __init__(self, begin: Callable[[int], None], port: SerialPort, **terms: Any) -> None:
         super().__init__(port, **terms)
-        self._counter = counter
+        self._begin = begin
 
     def numbered(self, code: int, payload: bytes) -> Frame:
         """Return a frame under the next sequence number, without sending it."""
-        self._counter.forget()
+        self._begin(code)
         return super().numbered(code, payload)
 
 
@@ -107,6 +107,7 @@ class VirtualBoard(Board):
     ) -> None:
         self._bench, self._machine = bench, bench.machine
         self._counters: dict[str, _CallCounter] = {}
+        self._delivered: DeliveredSamples | None = None
         declared = declared or Declared.of(bench.rig)
         image = bench.machine.image
         self.stage, self.execution = bench, bench.execution
@@ -142,9 +143,28 @@ class VirtualBoard(Board):
             lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud),
             transcript,
             tape,
-            session_type=partial(_Session, bench.machine.cycle_counter),
+            session_type=partial(_Session, self._begin_request),
         )
-        return ProtocolInterface(session, declared.sensor_names, self.is_noise_free)
+        return ProtocolInterface(
+            session, declared.sensor_names, self.is_noise_free, tape=tape, delivered=self._check_deliveries
+        )
+
+    def _begin_request(self, code: int) -> None:
+        """Clear the records of the request before: readings of the cycle counter, and delivered samples."""
+        self._machine.cycle_counter.forget()
+        self._bench.forget_deliveries()
+        if self._delivered is not None:
+            self._delivered.begin(code, self._bench.time_s)
+
+    def _check_deliveries(self, sensors: Sequence[SensorInfo]) -> DeliveredSamples:
+        bench = self._bench
+        self._delivered = DeliveredSamples(
+            sensors,
+            bench.delivered,
+            bench.delivered_temperature,
+            lambda board_us: bench.firmware_clock_began_s + 1e-6 * board_us,
+        )
+        return self._delivered
 
     def _open_output(self, declared: Declared, transcript: Transcript | None, tape: Tape) -> OutputInterface:
         rig = self._bench.rig
@@ -197,6 +217,10 @@ class VirtualBoard(Board):
             return seen_memory_use(self._machine, self._costs.stacks())
         calls = {name: (counter.function, counter.stack) for name, counter in self._counters.items() if "." not in name}
         return seen_memory_use(self._machine, calls)
+
+    def magnetometer_samples(self) -> int:
+        """Return the number of samples that magnetometers have delivered to the firmware so far."""
+        return self._bench.delivered_count(SensorKind.MAGNETOMETER)
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None while a recording is played."""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import serial
 
@@ -99,7 +99,7 @@ class Session:
     Attributes
     ----------
     on_reply : callable
-        Called with the data of each reply, before `request` returns it.
+        Called with each request and the data of its reply, before `request` returns it.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class Session:
         self._decoder = FrameDecoder()
         self._sequence = 0
         self._heard = bytearray()
-        self.on_reply: Callable[[object], None] = lambda _reply: None
+        self.on_reply: Callable[[Request[Any], object], None] = lambda _request, _reply: None
         self._damaged = 0
         self._stale = 0
         self._answered = 0  # replies since the latest check of the board's count of executed requests
@@ -225,7 +225,7 @@ class Session:
                 if isinstance(message, Reset):
                     self._answered = self._carried_out = 0
                 reply = decode_reply(message, payload)
-                self.on_reply(reply)
+                self.on_reply(message, reply)
                 return reply
         raise DeviceTimeoutError(message.command, allowed_s, self.clock, self._firmware_activity(), self.noise())
 

@@ -56,6 +56,10 @@ class RequestedAngles(KnownAngles):
     """Accelerometer calibration in the slot of each calibration."""
     calibrations: dict[str, CalibrationReply]
     """Magnetometer calibrations on the board."""
+    readings: int
+    """Readings of each mean."""
+    magnetometer_sigma_counts: float | None
+    """rms noise of one axis of one reading, from the spreads at all poses; None if each mean is of one reading."""
 
     def accelerometer_norm_rms_mg(self, name: str) -> float:
         """Return the deviation of gravity under a calibration from 1 g, rms over the poses [mg]."""
@@ -334,6 +338,7 @@ def _requested_angles(
 ) -> RequestedAngles:
     poses = [asked[index] for index in by_index]
     achieved, answers = [position for position, _ in by_index.values()], [answer for _, answer in by_index.values()]
+    spreads = [answer.magnetometer.spread for answer in answers if answer.magnetometer.spread is not None]
     attitudes = {
         name: [_attitude(answer.headings[slot], name, pose) for answer, pose in zip(answers, poses, strict=True)]
         for name, slot in slots.items()
@@ -350,6 +355,8 @@ def _requested_angles(
         accelerometer=np.array([answer.accelerometer.mean for answer in answers], dtype=np.float64),
         accelerometer_fits=fits,
         calibrations=calibrations,
+        readings=answers[0].n,
+        magnetometer_sigma_counts=float(np.sqrt(np.mean(np.square(spreads)))) if spreads else None,
     )
 
 

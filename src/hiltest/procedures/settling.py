@@ -38,6 +38,8 @@ class Settled:
     """Observations of the last window."""
     unconfirmed: int = 0
     """Number of headings in all windows that were dropped because both neighbours contradict them."""
+    samples: int | None = None
+    """Samples that the magnetometers delivered during the wait; None if the board does not see them."""
 
 
 def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = None) -> Settled:
@@ -65,7 +67,7 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
     Packets and most lines have no check value, and a serial line may change a byte: so a heading without a check value
     counts only if a neighbour confirms it.
     """
-    output, began_s = board.output, board.now_s()
+    output, began_s, delivered = board.output, board.now_s(), board.magnetometer_samples()
     device = output.device
     longest_s = device.settle_s if longest_s is None else longest_s
     windows_left = math.floor(longest_s / device.window_s + _ROUNDING)
@@ -91,7 +93,9 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
         settled = bool(before) and agree(before, headings_deg)
         windows_left -= 1
         if settled or windows_left <= 0:
-            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed)
+            after = board.magnetometer_samples()
+            samples = None if delivered is None or after is None else after - delivered
+            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, samples)
         before = headings_deg
 
 

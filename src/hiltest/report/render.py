@@ -21,7 +21,7 @@ from hiltest.run_record.outcomes import RED, TestOutcome
 from hiltest.run_record.run import Run, TestResult, Verdict
 from hiltest.text import format_with_unit, number
 from hiltest.verdict.compare import changes_seen
-from hiltest.verdict.summary import Failure, Summary, cost_line, summarise
+from hiltest.verdict.summary import Failure, Summary, cost_line, expected_line, summarise
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +81,7 @@ def html_report(run: Run) -> str:
         troubled=_troubled_tests(run, summary),
         calibrators=overview.accuracy_and_cost(run),
         cost_line=cost_line(run),
+        expected_line=expected_line(run),
         cost_figures=cost_group(run),
         figure_groups=[group for section in _FIGURES if (group := section(run))],
         signs=_SIGNS,

@@ -27,6 +27,7 @@ from hiltest.verdict.summary import (
     Failure,
     Summary,
     cost_line,
+    expected_line,
     held_to,
     limit_in_words,
     summarise,
@@ -77,7 +78,7 @@ def summary(run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, 
         console, headline(run.verdict, run_summary), "bold green" if run.verdict.exit_code == 0 else "bold red"
     )
     _print_failures(console, run_summary, run, folder)
-    _print_calibrators(console, run_summary)
+    _print_calibrators(console, run_summary, expected_line(run))
     _print_close(console, run_summary)
     if verbose:
         _print_everything(console, run)
@@ -205,7 +206,7 @@ def _grid() -> Grid:
     return Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
 
 
-def _print_calibrators(console: Console, summary_of_run: Summary) -> None:
+def _print_calibrators(console: Console, summary_of_run: Summary, expected: str) -> None:
     if not summary_of_run.calibrators:
         return
     results = [calibrator.result for calibrator in summary_of_run.calibrators]
@@ -226,6 +227,8 @@ def _print_calibrators(console: Console, summary_of_run: Summary) -> None:
         grid.add_row(escape(result.name), *cells, style=style)
     console.print()
     console.print(grid)
+    if expected:
+        _print_wrapped(console, expected)
 
 
 def _width(heading: str, cells: Sequence[str]) -> int:

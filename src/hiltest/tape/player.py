@@ -55,10 +55,20 @@ class Player(Tape):
         """Return a port that plays the recording; nothing is opened."""
         return _ReplayedPort(self, self.ask("port", {}, str, str))
 
-    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+    def ask(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        hint: Any,
+        answer: Callable[[], Any],
+        *,
+        may_be_absent: bool = False,
+    ) -> Any:
         """Answer a question from the recording."""
         entry = self._question()
         call = None if entry is None else entry.call
+        if may_be_absent and (call is None or call["call"] != name):
+            return None
         if call is None or call["call"] != name or call.get("given", {}) != arguments:
             self._raise_divergence(f"asks {_question(name, arguments)}")
         self._finish_call(call)
@@ -68,6 +78,13 @@ class Player(Tape):
         if interface is not None and gives is not None:
             return Taped(self, str(gives), interface, None)
         return self._restore(lambda content: restored(hint, content), gives)
+
+    def check(self, name: str, check: Callable[[], None]) -> None:
+        """Raise the error of the recorded check, if it had one."""
+        entry = self._question()
+        if entry is not None and entry.call is not None and entry.call["call"] == name:
+            self._finish_call(entry.call)
+            raise self._restore(restored_error, entry.call.get("raises"))
 
     def begin_test(self, test: str) -> None:
         """Store the name of the current test, for messages."""

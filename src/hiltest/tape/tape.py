@@ -25,7 +25,15 @@ class Tape(ABC):
         """Return the port of the board; `opened` opens the real one."""
 
     @abstractmethod
-    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+    def ask(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        hint: Any,
+        answer: Callable[[], Any],
+        *,
+        may_be_absent: bool = False,
+    ) -> Any:
         """Return the answer to a question.
 
         Parameters
@@ -38,7 +46,13 @@ class Tape(ABC):
             Type of the answer.
         answer
             Asks the bench.
+        may_be_absent
+            True to answer None from a recording of an earlier version, which lacks the question.
         """
+
+    @abstractmethod
+    def check(self, name: str, check: Callable[[], None]) -> None:
+        """Perform a check, which raises a HiltestError or does nothing; only an error is recorded."""
 
     @abstractmethod
     def begin_test(self, test: str) -> None:
@@ -48,11 +62,14 @@ class Tape(ABC):
     def end(self) -> str:
         """End the run; return an error message, empty without an error."""
 
-    def method(self, name: str, member: Member, answer: Callable[..., Any]) -> Callable[..., Any]:
+    def method(
+        self, name: str, member: Member, answer: Callable[..., Any], *, may_be_absent: bool = False
+    ) -> Callable[..., Any]:
         """Return a method whose calls are questions."""
 
         def asked(*positional: Any, **named: Any) -> Any:
-            return self.ask(name, member.given(positional, named), member.hint, partial(answer, *positional, **named))
+            arguments, answers = member.given(positional, named), partial(answer, *positional, **named)
+            return self.ask(name, arguments, member.hint, answers, may_be_absent=may_be_absent)
 
         return asked
 
@@ -64,9 +81,21 @@ class Live(Tape):
         """Open the port."""
         return opened()
 
-    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+    def ask(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        hint: Any,
+        answer: Callable[[], Any],
+        *,
+        may_be_absent: bool = False,
+    ) -> Any:
         """Ask the bench."""
         return answer()
+
+    def check(self, name: str, check: Callable[[], None]) -> None:
+        """Perform the check."""
+        check()
 
     def begin_test(self, test: str) -> None:
         """Do nothing."""

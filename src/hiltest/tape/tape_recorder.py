@@ -49,7 +49,15 @@ class Recorder(Tape):
         self.ask("port", {}, str, lambda: port.name)
         return _RecordedPort(self, port, clock)
 
-    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+    def ask(
+        self,
+        name: str,
+        arguments: Mapping[str, Any],
+        hint: Any,
+        answer: Callable[[], Any],
+        *,
+        may_be_absent: bool = False,
+    ) -> Any:
         """Ask the bench, and record the question with the answer."""
         if self._is_asking:
             return answer()
@@ -72,6 +80,14 @@ class Recorder(Tape):
             self._is_asking = False
             if {"gives", "raises"} & entry.keys():  # otherwise it was interrupted
                 self._add_call(began_s, entry)
+
+    def check(self, name: str, check: Callable[[], None]) -> None:
+        """Perform a check, and record its error if it has one."""
+        try:
+            check()
+        except HiltestError as error:
+            self._add_call(self._now(), {"call": name, "raises": plain_error(error)})
+            raise
 
     def begin_test(self, test: str) -> None:
         """Mark the start of a test, and flush the file."""

@@ -18,7 +18,7 @@ from hiltest.measurement import (
 )
 from hiltest.run_record.failures import failed_otherwise, out_of_limit
 from hiltest.run_record.run import Findings, Run, TestResult
-from hiltest.text import format_count, format_number, join_words, number
+from hiltest.text import format_count, format_number, hundredths, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
@@ -276,6 +276,29 @@ def cost_line(run: Run) -> str:
     parts = [_budget(run, reference.name) if reference else "", *(_cost(result, reference) for result in counted)]
     models = sorted({result.cycles.cycle_model for result in counted if result.cycles})
     return "; ".join(filter(None, (*parts, f"counted by {' and '.join(models)}"))) + "."
+
+
+_EXPECTED = ("rms", "fit_rms", "readings_rms", "expected_largest", "largest_in_99_percent")
+
+
+def expected_line(run: Run) -> str:
+    """Return the errors that noise makes unavoidable beside those of an efficient calibrator; empty without them.
+
+    Only the rms is a bound; the largest error of a run is a matter of chance.
+    """
+    table = run.table("heading.expected")
+    if table is None or not table.rows:
+        return ""
+    row = dict(zip((column.name for column in table.columns), table.rows[0], strict=True))
+    numbers = [row.get(name) for name in _EXPECTED]
+    if not all(isinstance(value, float) for value in numbers):
+        return ""
+    rms, fit, readings, largest, rare = (hundredths(float(value or 0.0)) for value in numbers)
+    share = f"{readings} from the readings" + (f" and {fit} from the fit" if row["fit_rms"] else " alone")
+    return (
+        f"With this noise the rms heading error is at least {rms} deg: {share}. The largest error of an efficient "
+        f"calibrator is {largest} deg in half of all runs, and above {rare} deg in 1 of 100."
+    )
 
 
 def _budget(run: Run, name: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from hiltest.state import Restorable
 from hiltest.world.sensors.register_device import RegisterDevice
+from hiltest.world.sensors.sampling import SampledOutput
 
 
 class FaultyPart(Restorable):
@@ -33,6 +34,21 @@ class FaultyPart(Restorable):
     def parts(self) -> tuple[RegisterDevice, ...]:
         """Return the present or last part, and its replacement."""
         return (self._part,) if self._stand_in is None else (self._part, self._stand_in)
+
+    @property
+    def outputs(self) -> tuple[SampledOutput, ...]:
+        """Outputs of the present or last part."""
+        return self._part.outputs
+
+    @property
+    def transferred(self) -> dict[int, int]:
+        """Bytes that were read from the present or last part, by register."""
+        return self._part.transferred
+
+    @property
+    def temperature_register(self) -> int:
+        """Register of the die temperature."""
+        return self._part.temperature_register
 
     def start(self, reading: bool, time_s: float) -> bool:
         """Answer the device address after START or repeated START; True is ACK."""

@@ -56,7 +56,7 @@ class SampleFifo(Restorable):
         self.mode = FifoMode.OFF
         self._ticks: deque[int] = deque()
         self._converted: dict[int, Counts] = {}
-        self._removed = _NOTHING
+        self._removed, self._removed_number = _NOTHING, -1
         self._latest = self._acknowledged = -1  # the latest sample offered so far, and when F_STATUS was last read
         self._marked_at: int | None = None  # the sample that raised the watermark, and the overflow
         self._overflowed_at: int | None = None
@@ -120,16 +120,18 @@ class SampleFifo(Restorable):
         axis, low = divmod(index, 2)
         if index == 0:
             self._removed = self._take(time_s)
+        if index == 5 and self._removed_number >= 0:
+            self._output.deliver(self._removed_number, self._removed, time_s)
         return self._removed[axis] >> (0 if low else 8) & 0xFF
 
     def release(self) -> None:
         """End a burst, and drop the removed sample."""
-        self._removed = _NOTHING
+        self._removed, self._removed_number = _NOTHING, -1
 
     def _empty(self, time_s: float) -> None:
         self._ticks = deque(maxlen=self._capacity)
         self._converted = {}
-        self._removed = _NOTHING
+        self._removed, self._removed_number = _NOTHING, -1
         self._latest = self._acknowledged = self._output.latest(time_s)
         self._marked_at = self._overflowed_at = None
 
@@ -162,8 +164,9 @@ class SampleFifo(Restorable):
     def _take(self, time_s: float) -> Counts:
         self._take_in(time_s)
         if not self._ticks:
+            self._removed_number = -1
             return _NOTHING
-        tick = self._ticks.popleft()
+        tick = self._removed_number = self._ticks.popleft()
         self._overflowed_at = None
         if len(self._ticks) < self._watermark:
             self._marked_at = None

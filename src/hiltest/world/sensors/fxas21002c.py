@@ -59,6 +59,8 @@ class Fxas21002c(RegisterDevice):
         Gains and misalignment, body frame: matrix from the true to the measured rate, before the offset.
     """
 
+    temperature_register = 0x12
+
     def __init__(
         self,
         world: World,
@@ -77,7 +79,14 @@ class Fxas21002c(RegisterDevice):
         self._noise_density = noise_density
         self._response = response
         self._noise = LowPassedNoise(NoiseSource(seed, f"fxas21002c@{address:02x}"))
-        self._output = SampledOutput(world, self._noise, self._measure, full_scale=32_767)
+        self._output = SampledOutput(
+            world,
+            self._noise,
+            self._measure,
+            full_scale=32_767,
+            quantity=Sensed.GYROSCOPE,
+            body_axes=(-2, -1, -3),
+        )
         self.outputs = (self._output,)
         self._fifo = SampleFifo(self._output, has_trigger=False)
         self._control = [0, 0, 0, 0]  # CTRL_REG0..3

@@ -116,6 +116,8 @@ class Fxos8700cq(RegisterDevice):
         Drift of its reading, the offset included [uT].
     """
 
+    temperature_register = 0x51
+
     def __init__(
         self,
         world: World,
@@ -137,10 +139,20 @@ class Fxos8700cq(RegisterDevice):
         self._name = f"{name} FXOS8700CQ"
         tag = f"{name}@{address:02x}"
         self._accelerometer = SampledOutput(
-            world, NoiseSource(seed, f"{tag}/accelerometer"), self._measure_gravity, full_scale=8191 << 2
+            world,
+            NoiseSource(seed, f"{tag}/accelerometer"),
+            self._measure_gravity,
+            full_scale=8191 << 2,
+            quantity=Sensed.ACCELEROMETER,
+            body_axes=(2, 1, 3),
         )
         self._magnetometer = SampledOutput(
-            world, NoiseSource(seed, f"{tag}/magnetometer"), self._measure_field, full_scale=_MAGNETOMETER_LIMIT
+            world,
+            NoiseSource(seed, f"{tag}/magnetometer"),
+            self._measure_field,
+            full_scale=_MAGNETOMETER_LIMIT,
+            quantity=Sensed.MAGNETOMETER,
+            body_axes=(-2, -1, -3),
         )
         self.outputs = (self._accelerometer, self._magnetometer)
         self._fifo = SampleFifo(self._accelerometer, has_trigger=True)

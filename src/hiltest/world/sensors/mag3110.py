@@ -53,6 +53,8 @@ class Mag3110(RegisterDevice):
         Offset of this part's die temperature, which the manufacturer does not trim.
     """
 
+    temperature_register = DIE_TEMP
+
     def __init__(
         self,
         world: World,
@@ -71,7 +73,14 @@ class Mag3110(RegisterDevice):
         self._drift = drift
         self._die_offset_degc = die_temperature_offset_degc
         noise = NoiseSource(seed, f"mag3110@{address:02x}")
-        self._output = SampledOutput(world, noise, self._measure, full_scale=_RAW_LIMIT)
+        self._output = SampledOutput(
+            world,
+            noise,
+            self._measure,
+            full_scale=_RAW_LIMIT,
+            quantity=Sensed.MAGNETOMETER,
+            body_axes=(-2, -1, 3),
+        )
         self.outputs = (self._output,)
         self._control1 = 0
         self._control2 = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 from hiltest.state import Restorable
 from hiltest.world.sensors.sampling import SampledOutput
@@ -22,11 +23,18 @@ class RegisterDevice(ABC, Restorable):
         7-bit address.
     outputs : tuple of SampledOutput
         Outputs of its measured quantities.
+    transferred : dict of int to int
+        The byte of each register that was read last; whoever asks may clear it.
+    temperature_register : int
+        Register of the die temperature, a signed byte.
     """
+
+    temperature_register: ClassVar[int]
 
     def __init__(self, address: int) -> None:
         self.address = address
         self.outputs: tuple[SampledOutput, ...] = ()
+        self.transferred: dict[int, int] = {}
         self._pointer = 0
         self._awaiting_pointer = False
 
@@ -57,7 +65,7 @@ class RegisterDevice(ABC, Restorable):
     def read(self, time_s: float) -> int:
         """Return the next byte for the master."""
         self.settle(time_s)
-        value = self.read_register(self._pointer, time_s)
+        value = self.transferred[self._pointer] = self.read_register(self._pointer, time_s)
         self._pointer = self.following(self._pointer)
         return value
 

@@ -8,12 +8,14 @@ evaluates the latest one.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from copy import copy
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from hiltest.state import Restorable
 from hiltest.world import Vector, World
+from hiltest.world.recorded_motion import Sensed
 
 Counts: TypeAlias = tuple[int, int, int]
 #: Function from the instant [s] and a standard normal triple to three words of the part.
@@ -25,6 +27,20 @@ _TOLERANCE_TICKS = 1e-9
 
 _NO_SAMPLE: Counts = (0, 0, 0)
 _NEVER = (math.inf, math.inf)
+_DELIVERIES_AT_MOST = 16_384  # more than the longest series of one request, 12 000 samples
+
+
+class Delivery(NamedTuple):
+    """A sample that a part has delivered over its bus."""
+
+    time_s: float
+    """Time of its last byte, since power-on."""
+    instant_s: float
+    """Sampling instant."""
+    number: int
+    """Number of the sample at its rate."""
+    words: Counts
+    """Output words as they were transferred, in the axes of the part."""
 
 
 class SampleNoise(Protocol):
@@ -47,9 +63,33 @@ class SampledOutput(Restorable):
         The part's conversion.
     full_scale
         Largest word of the output.
+    quantity
+        Measured quantity.
+    body_axes
+        Axes of the part along x, y and z of the body: 1, 2 or 3, negative if opposite.
+
+    Attributes
+    ----------
+    deliveries : deque of Delivery
+        Samples that were read, in order; only the latest are kept.
+    delivered : int
+        Number of all samples that were read.
     """
 
-    def __init__(self, world: World, noise: SampleNoise, measure: Measure, *, full_scale: int) -> None:
+    def __init__(
+        self,
+        world: World,
+        noise: SampleNoise,
+        measure: Measure,
+        *,
+        full_scale: int,
+        quantity: Sensed,
+        body_axes: tuple[int, int, int],
+    ) -> None:
+        self.quantity = quantity
+        self.body_axes = body_axes
+        self.deliveries: deque[Delivery] = deque(maxlen=_DELIVERIES_AT_MOST)
+        self.delivered = 0
         self._world = world
         self._noise = noise
         self._measure = measure
@@ -141,10 +181,26 @@ class SampledOutput(Restorable):
         axis, low = divmod(index, 2)
         value = self._word(axis, time_s)
         if low:
+            if axis == 2:
+                self._deliver_read(time_s)
             return value & 0xFF
         if self._held is not None:
             self._read[axis] = max(self._read[axis], self._held)
         return value >> 8 & 0xFF
+
+    def _deliver_read(self, time_s: float) -> None:
+        """Note the delivery of the latest words; if each was read in its own transaction, their samples may differ."""
+        x, y, z = self._read
+        if min(x, y, z) >= self._first:
+            words = self.counts(z)
+            if x != z or y != z:
+                words = (self.counts(x)[0], self.counts(y)[1], words[2])
+            self.deliver(z, words, time_s)
+
+    def deliver(self, number: int, words: Counts, time_s: float) -> None:
+        """Note that a sample was read completely."""
+        self.delivered += 1
+        self.deliveries.append(Delivery(time_s, number / self._rate_hz, number, words))
 
     def latest(self, time_s: float) -> int:
         """Return the number of the latest sample at a time; below that of the first if there is none."""
