@@ -175,6 +175,19 @@ def test_a_wrong_command_line_ends_with_4_and_says_why(tmp_path: Path, arguments
     assert list(tmp_path.iterdir()) == [], "a usage error leaves nothing behind"
 
 
+def test_a_conftest_cannot_change_the_exit_code_of_a_failed_run(tmp_path: Path) -> None:
+    suites = tmp_path / "hil" / "suites"
+    suites.mkdir(parents=True)
+    (suites / "conftest.py").write_text(
+        "import pytest\n\n\n@pytest.hookimpl(trylast=True)\ndef pytest_sessionfinish(session):\n"
+        "    session.exitstatus = 0\n"
+    )
+    (suites / "test_mine.py").write_text("def test_mine(board):\n    assert board.identity.slots == 3\n")
+    result = hiltest("run", folder=tmp_path)
+    assert result.returncode == 1
+    assert "FAIL" in result.stdout
+
+
 def test_init_copies_what_a_bench_needs_and_nothing_else(tmp_path: Path) -> None:
     result = hiltest("init", "bench", folder=tmp_path)
     assert result.returncode == 0
