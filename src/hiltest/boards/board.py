@@ -412,7 +412,7 @@ class Board(ABC):
         Raises
         ------
         FirmwareContradictionError
-            When the board counted other cycles in the calibrator's function than the firmware reports.
+            When the board counted other cycles in the calibrator's function than the firmware reports, or no call.
         """
         reply, counted = self._send_and_count(request, calibrator)
         if reply.cost is not None:
@@ -442,10 +442,17 @@ class Board(ABC):
     def _send_and_count(self, request: Request[R], work: str) -> tuple[R, list[int]]:
         """Send a request; return its reply, and the cycles of each call of a function if the board observes them."""
         counter = self.call_counter(work)
-        if counter is not None:
-            counter.begin()
+        if counter is None:
+            return self.session.request(request), []
+        counter.begin()
         reply = self.session.request(request)
-        return reply, list(counter.cycles) if counter is not None else []
+        if not counter.cycles and (getattr(reply, "cost", None) or getattr(reply, "costs", None)):
+            raise FirmwareContradictionError(
+                f"the firmware contradicts the board: it reports the cycles of {work}, and its function was not called "
+                "for this request. It answers from an earlier call; or the function is inlined, and the rig has to name "
+                "another one under [cycles]"
+            )
+        return reply, list(counter.cycles)
 
     def unchecked(self, calibrator: str) -> str:
         """Return why the board cannot check the cycles that the firmware reports for the calibrator that just ran.
@@ -454,12 +461,11 @@ class Board(ABC):
         """
         if not self.executes_firmware:
             return ""
-        counter = self.call_counter(calibrator)
-        if counter is None or not counter.cycles:
-            why = (
-                "its function was not called, perhaps because it is inlined" if counter else "no function has this name"
+        if self.call_counter(calibrator) is None:
+            return (
+                f"the board cannot count the cycles of {calibrator}: no function has this name; name one under [cycles] "
+                "in the rig"
             )
-            return f"the board cannot count the cycles of {calibrator}: {why}; name one under [cycles] in the rig"
         return ""
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
