@@ -27,6 +27,8 @@ pytestmark = pytest.mark.hil
 # most over 30 sets. More is another arithmetic, not other points.
 DISTANCE = Limit(max=0.01)
 # This is not the accuracy of any calibration: firmware_stub/DESIGN.md has that of 10 000 random point sets.
+# Cycles of a request outside the timed calibration: frame, dispatch, the empty call and the reply take 3 400 to 4 400.
+OUTSIDE_AT_MOST = 6_000
 EVEN = "points spread evenly; of random ones 1 set in 100 exceeds 0.06 to 0.18 deg"
 
 
@@ -47,6 +49,13 @@ def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
     measure(
         f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band, not_checked=cost.unchecked
     )
+    measure(
+        f"cycles.{name}.request",
+        cost.request,
+        "cycle",
+        cycle_model=cost.model,
+        not_offered="" if cost.request is not None else "only a virtual board observes the whole request",
+    )
     for what, cycles in (
         ("per_point", cost.per_point),
         ("fixed", cost.fixed),
@@ -54,6 +63,16 @@ def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
         ("spread", cost.spread),
     ):
         measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
+
+
+def refuse_work_outside_the_timer(costs: Mapping[str, CycleCost]) -> None:
+    """Fail if a request takes much more than the calibration that the firmware has timed within it."""
+    outside = {name: cost.request - cost.total for name, cost in costs.items() if cost.request is not None}
+    moved = [f"{name} {cycles}" for name, cycles in outside.items() if cycles > OUTSIDE_AT_MOST]
+    assert not moved, (
+        f"work outside the timer: cycles of the request beside the timed calibration, at most {OUTSIDE_AT_MOST}: "
+        f"{', '.join(moved)}"
+    )
 
 
 def test_cycles_of_every_calibrator(
@@ -69,6 +88,7 @@ def test_cycles_of_every_calibrator(
             cycle_model=cost.model,
             not_offered=cost.no_per_iteration,
         )
+    refuse_work_outside_the_timer(costs)
     if FAST in costs:
         # Behind all costs: where it cannot be had, those of the others are still measured.
         fast: FastFit = request.getfixturevalue("fast")
@@ -101,4 +121,5 @@ def test_cycles_of_the_calibration_against_gravity(
         pytest.skip("the rig's [procedure] has no calibration against gravity")
     cost = measure_dpi_cycles(board, progress=hil_progress)
     measure_cost(DPI, cost, measure)
+    refuse_work_outside_the_timer({DPI: cost})
     measure(f"cycles.{DPI}.instructions", cost.instructions, "instruction")

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from hiltest.boards import Board
 from hiltest.calibration.heading_bound import HeadingBound
 from hiltest.measurement import Limit
 from hiltest.procedures import (
@@ -38,9 +39,16 @@ TOGETHER = Limit(max=5.0)
 BIAS_BEYOND_MOUNTING_DEG = 0.5
 
 
-def test_points_cover_the_sphere(tumble: Tumble, rig: Rig, measure: Measure) -> None:
+def test_points_cover_the_sphere(board: Board, tumble: Tumble, rig: Rig, measure: Measure) -> None:
     measure("tumble.points", len(tumble.points), "", limit=Limit(min=rig.procedure.tumble_points))
     measure("tumble.coverage", 100.0 * tumble.coverage_of(rig.procedure.calibration_points), "%")
+    measure(
+        "cycles.collect.point",
+        tumble.cycles_per_point,
+        "cycle",
+        cycle_model=board.cycle_model,
+        not_offered="" if tumble.cycles_per_point is not None else "only a virtual board observes the whole request",
+    )
     measure.table("tumble.points", dict.fromkeys("xyz", "count"), tumble.points.tolist())
 
 

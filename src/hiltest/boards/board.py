@@ -123,6 +123,16 @@ class Declared:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class RequestCost:
+    """Cost of a request, from its last byte to the first byte of the reply."""
+
+    awake_cycles: int
+    """Cycles of the core without sleep and interrupts."""
+    latency_us: float
+    """Time, sleep and interrupts included."""
+
+
 TimedReply = TypeVar("TimedReply", bound=CostedReply)
 CostedStepsReply = TypeVar("CostedStepsReply", bound=CostedSteps)
 R = TypeVar("R")
@@ -467,6 +477,10 @@ class Board(ABC):
                 "in the rig"
             )
         return ""
+
+    def request_cost(self) -> RequestCost | None:
+        """Return the cost of the latest request; None if the board cannot observe it."""
+        return None
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
         """Return the uncertainty range of the cycles of the run that was just timed; None if unknown.

@@ -36,6 +36,7 @@ FACTS_WITH_REQUESTS = FACTS | {
     "cycle_range",
     "executes_firmware",
     "instructions_counted",
+    "request_cost",
     "sleep",
     "timed_steps",
     "true_attitude",
@@ -44,7 +45,7 @@ FACTS_WITH_REQUESTS = FACTS | {
 """Such members if the firmware answers requests."""
 FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "magnetometer_samples"}
 """Such members if it does not."""
-_LATER = frozenset({"magnetometer_samples"})
+_LATER = frozenset({"magnetometer_samples", "request_cost"})
 """Members that recordings of earlier versions lack."""
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hiltest.boards.bench import VirtualBench, default_firmware
-from hiltest.boards.board import Board, BoardKind, Declared, Truth
+from hiltest.boards.board import Board, BoardKind, Declared, RequestCost, Truth
 from hiltest.boards.delivered_samples import DeliveredSamples
 from hiltest.boards.faulty_port import with_faults
 from hiltest.boards.function_costs import FunctionCosts
@@ -250,6 +250,11 @@ class VirtualBoard(Board):
         if calibrator not in self._counters:
             self._counters[calibrator] = _CallCounter(self._machine.watch_calls([function]), function)
         return self._counters[calibrator]
+
+    def request_cost(self) -> RequestCost:
+        """Return the cost of the latest request."""
+        cycles, awake_cycles = self._machine.uart0.answer
+        return RequestCost(awake_cycles, 1e6 * cycles / self._machine.clocks.core_hz)
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
         """Reprice the code between two readings of CYCCNT, with each row of the timing profile varied."""

@@ -69,6 +69,9 @@ class CycleCost:
     sizes: Ints
     cycles: Ints
     """Shape (k,). Cycles of complete calls, each with the iterations that it needs."""
+    request: int | None = None
+    """Cycles of the request of `total`, from its last byte to the first byte of the reply, without sleep and
+    interrupts; None if the board cannot observe them."""
     unchecked: str = ""
     """Reason why the board did not check the firmware's count; empty if it did, or does not execute the firmware."""
 
@@ -101,6 +104,7 @@ class _Counted:
     instructions: int | None = None
     band: CycleRange | None = None
     per_iteration: float | None = None
+    request: int | None = None
 
 
 def fit_line(x: ArrayLike, y: ArrayLike) -> CostLine:
@@ -181,6 +185,8 @@ def measure_cycles(
         for name, counts in counted.items():
             run = counts.runs[size, index] = _count(board, size, name)
             if (size, index) == (n, 0):
+                cost = board.request_cost()
+                counts.request = None if cost is None else cost.awake_cycles
                 counts.instructions = instructions_of(board, run.cost)
                 counts.band = board.cycle_range(run.cost, name)
                 counts.per_iteration = _per_iteration(board, size, name, run)
@@ -256,6 +262,7 @@ def _cost(board: Board, name: str, n: int, sizes: Sequence[int], counted: _Count
         per_iteration=per_iteration,
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),
+        request=counted.request,
         unchecked=board.unchecked(name),
     )
 

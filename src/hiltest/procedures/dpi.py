@@ -135,7 +135,7 @@ def measure_dpi_cycles(
     tell = progress or silent
     work = [(sizes[0], index) for index in range(point_sets)] + [(size, 0) for size in sizes[1:]]
     cycles: dict[tuple[int, int], int] = {}
-    instructions = band = None
+    instructions = band = request = None
     for done, (size, index) in enumerate(work):
         tell("cycles of dpi", done, len(work))
         upload_pairs(board, *golden_pairs(size, index=index))
@@ -150,6 +150,7 @@ def measure_dpi_cycles(
             raise no_cycle_counter()
         cycles[size, index] = cost.cycles
         if not done:
+            request = board.request_cost()
             instructions, band = instructions_of(board, cost), board.cycle_range(cost, DPI)
     tell("cycles of dpi", len(work), len(work))
     over_sizes = [cycles[size, 0] for size in sizes]
@@ -170,5 +171,6 @@ def measure_dpi_cycles(
         per_iteration=None,
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),
+        request=None if request is None else request.awake_cycles,
         unchecked=board.unchecked(DPI),
     )

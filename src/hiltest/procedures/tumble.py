@@ -55,6 +55,9 @@ class Tumble:
     """Time of the board's clock from the first request to the last answer."""
     taken: NDArray[np.intp]
     """Shape (n,). Rank of each point in time."""
+    cycles_per_point: float | None = None
+    """Cycles of the requests that collected them, without sleep and interrupts; None if the board cannot observe
+    them."""
 
     @property
     def coverage(self) -> float:
@@ -233,11 +236,14 @@ class _Collected:
         self._board, self._tell = board, tell
         self._magnetometer: list[Counts] = []
         self._accelerometer: list[Counts] = []
+        self._cycles: int | None = 0
 
     def add(self, count: int) -> None:
         timeout_us = round(2e6 * count / _RATE_HZ + 1e6)
         reply = self._board.session.request(Collect(count, timeout_us=timeout_us))
         self._overruns += reply.overruns
+        cost = self._board.request_cost()
+        self._cycles = None if cost is None or self._cycles is None else self._cycles + cost.awake_cycles
         if reply.stored != self.stored + count:
             self._board.session.refuse_reset()
             raise FirmwareContradictionError(
@@ -266,6 +272,7 @@ class _Collected:
             self._overruns,
             duration_s,
             np.arange(self.stored),
+            None if self._cycles is None else self._cycles / self.stored,
         )
 
 

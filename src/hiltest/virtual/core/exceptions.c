@@ -197,6 +197,8 @@ static void enter(struct machine *machine, int32_t exception)
     bool extended = (core->control & CONTROL_FPCA) != 0 && (core->floating_control & FPCCR_ASPEN) != 0;
     uint32_t size = extended ? EXTENDED_FRAME_BYTES : FRAME_BYTES;
     uint32_t base = (core->r[13] - size) & ~7u;
+    if (core->exception == EXCEPTION_NONE && !core->is_chained)
+        core->exception_since = core->cycles;
     uint32_t exc_return = EXC_RETURN | (extended ? 0 : RETURN_BASIC_FRAME)
         | (core->exception == EXCEPTION_NONE ? RETURN_THREAD : 0)
         | (uses_process_stack(core) ? RETURN_PROCESS_STACK : 0);
@@ -229,6 +231,8 @@ bool take_exception(struct machine *machine)
     int32_t ceiling = machine_ceiling(machine, false);
     int32_t exception = core->gated ? EXCEPTION_NONE : machine_next_exception(machine, ceiling);
     if (exception == EXCEPTION_NONE) {
+        if (core->is_chained && core->exception == EXCEPTION_NONE)
+            core->exception_cycles += core->cycles - core->exception_since;
         core->is_chained = false; /* the exception that was pending at the return has been withdrawn */
         return false;
     }
@@ -396,6 +400,8 @@ bool leave_exception(struct machine *machine, uint32_t exc_return, uint32_t plac
         return refuse_return(machine, FAULT_INVALID_STATE, CAUSE_RETURN_THUMB, core->r[15], xpsr);
     }
     core->cycles += cycles;
+    if (core->exception == EXCEPTION_NONE && !core->is_chained)
+        core->exception_cycles += core->cycles - core->exception_since;
     core->waits_for_event = false;
     core->sleeping = core->sleeps_on_exit && active_exceptions(core) == 0;
     return true;

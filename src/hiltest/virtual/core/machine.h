@@ -80,6 +80,10 @@ struct core {
     int64_t instructions;  /* executed since power-on, including those that IT blocks skip */
     int64_t idle_cycles;   /* cycles of sleep */
     int64_t memory_cycles; /* cycles in which instructions waited for memories */
+    int64_t exception_cycles; /* cycles of completed exceptions that interrupted the thread, entry and return included */
+    int64_t exception_since;  /* cycle at which the latest of them was entered */
+    int64_t masked_since;  /* cycles without sleep at which PRIMASK was set */
+    int64_t longest_masked;/* most cycles without sleep for which PRIMASK was set, until it was cleared */
     int64_t passed;        /* instructions in turns of loops that were counted, not executed */
     int64_t device_loads;  /* loads that devices have answered since power-on, without the current one */
     int32_t interrupts;    /* external interrupts that the part has */
@@ -276,6 +280,12 @@ int32_t machine_uart_arriving(struct machine *machine, uint32_t base);
  * Returns their number, or -1 if bytes were lost because the host left more than 16 MiB unfetched. */
 int32_t machine_uart_waiting(struct machine *machine, uint32_t base);
 int32_t machine_uart_read(struct machine *machine, uint32_t base, uint8_t *bytes, int32_t count);
+/* Return the cycles from the latest byte from the host to the first byte after it to the host, of the latest answer; and
+ * those of them in which the thread executed, neither asleep nor in an exception. */
+struct machine_answer {
+    int64_t cycles, awake_cycles;
+};
+struct machine_answer machine_uart_answer(struct machine *machine, uint32_t base);
 /* Set the condition of HOST_BYTES: so many bytes that the host has not fetched, or a byte with a value; -1, the initial
  * value, for none. */
 void machine_uart_expect(struct machine *machine, uint32_t base, int32_t count, int32_t byte);

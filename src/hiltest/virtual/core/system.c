@@ -58,6 +58,16 @@ static void set_fault_mask(struct machine *machine, uint32_t value)
         machine->core.faultmask = value;
 }
 
+static void set_primask(struct core *core, uint32_t value)
+{
+    const int64_t awake = core->cycles - core->idle_cycles; /* a pending interrupt ends a masked sleep */
+    if (value && !core->primask)
+        core->masked_since = awake;
+    if (!value && core->primask && awake - core->masked_since > core->longest_masked)
+        core->longest_masked = awake - core->masked_since;
+    core->primask = value;
+}
+
 void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint32_t value)
 {
     struct core *core = &machine->core;
@@ -68,7 +78,7 @@ void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint
     uint32_t priority = value & core->priority_mask;
     switch (number) {
     case SYS_MSP: case SYS_PSP: machine_set_stack_pointer(machine, number == SYS_PSP, value); return;
-    case SYS_PRIMASK: core->primask = value & 1; break;
+    case SYS_PRIMASK: set_primask(core, value & 1); break;
     case SYS_BASEPRI:
         if (!machine->baseline)
             core->basepri = priority;
@@ -91,7 +101,7 @@ void change_masks(struct machine *machine, const struct instruction *instruction
         return;
     uint32_t value = instruction->immediate & 1;
     if (instruction->amount & 2)
-        core->primask = value;
+        set_primask(core, value);
     if (instruction->amount & 1)
         set_fault_mask(machine, value);
     machine->looks = true;

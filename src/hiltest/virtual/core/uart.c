@@ -45,6 +45,9 @@ struct uart {
     uint8_t flags, flags_seen;   /* of S1: IDLE, OR, FE; and the value at the last read */
     uint8_t registers[REGISTERS];
     struct fifo receive, transmit;
+    int64_t heard_at, heard_awake; /* cycles, and cycles of the thread alone, at the last byte from the host */
+    bool is_unanswered;          /* nothing was sent since then */
+    struct machine_answer answer;
 };
 
 /* -- bytes of the host -------------------------------------------------------------------------------------------- */
@@ -188,6 +191,14 @@ static void receive(struct machine *machine, struct uart *uart, uint8_t byte)
     }
 }
 
+/* Cycles in which the thread executed: neither asleep nor in exceptions. */
+static int64_t awake_cycles(const struct core *core)
+{
+    int64_t exceptions = core->exception_cycles
+        + (core->exception == EXCEPTION_NONE ? 0 : core->cycles - core->exception_since);
+    return core->cycles - core->idle_cycles - exceptions;
+}
+
 static void arrive(struct machine *machine, struct event *event)
 {
     struct uart *uart = OWNER(event, struct uart, arrival);
@@ -195,6 +206,9 @@ static void arrive(struct machine *machine, struct event *event)
     uint8_t byte = 0;
     if (queue_take(&uart->incoming, &byte, 1) && listens(machine, uart))
         receive(machine, uart, byte);
+    uart->heard_at = machine->core.cycles;
+    uart->heard_awake = awake_cycles(&machine->core);
+    uart->is_unanswered = true;
     plan_event_at_tick(machine, uart->incoming.count ? &uart->arrival : &uart->idle, uart->connections.time, next);
     drive(machine, uart);
 }
@@ -285,6 +299,11 @@ static void write_data(struct machine *machine, struct uart *uart, uint8_t byte)
     if (uart->transmit.count >= depth_of(uart, PFIFO_TXFE)) {
         uart->registers[SFIFO] |= SFIFO_TXOF;
         return;
+    }
+    if (uart->is_unanswered) {
+        uart->answer.cycles = machine->core.cycles - uart->heard_at;
+        uart->answer.awake_cycles = awake_cycles(&machine->core) - uart->heard_awake;
+        uart->is_unanswered = false;
     }
     fifo_put(&uart->transmit, byte);
     queue_reserve(&uart->sent, uart->transmit.count + 1);
@@ -385,6 +404,11 @@ void machine_uart_expect(struct machine *machine, uint32_t base, int32_t count, 
 int32_t machine_uart_arriving(struct machine *machine, uint32_t base) { return uart_of(machine, base)->incoming.count; }
 
 int32_t machine_uart_waiting(struct machine *machine, uint32_t base) { return uart_of(machine, base)->sent.count; }
+
+struct machine_answer machine_uart_answer(struct machine *machine, uint32_t base)
+{
+    return uart_of(machine, base)->answer;
+}
 
 int32_t machine_uart_read(struct machine *machine, uint32_t base, uint8_t *bytes, int32_t count)
 {

@@ -81,6 +81,12 @@ class Uart(CoreDevice):
         return arriving
 
     @property
+    def answer(self) -> tuple[int, int]:
+        """Cycles from the host's latest byte to the board's next one, and those of them in which the thread executed."""
+        answer = lib.machine_uart_answer(self._handle, self.base)
+        return answer.cycles, answer.awake_cycles
+
+    @property
     def host_waiting(self) -> int:
         """Bytes that the board has sent and the host has not fetched."""
         waiting: int = lib.machine_uart_waiting(self._handle, self.base)
