@@ -126,25 +126,12 @@ def test_markdown_leads_with_what_is_out_of_order(findings: Make, good: list[Mea
     assert text.index("gyroscope.bias\\_error | 0.4") < text.index("<details>")
 
 
-def test_a_run_without_board_or_measurements_still_renders(findings: Make) -> None:
-    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
-    made.board = None
-    run = made.finish(decide(made, pytest_exit=1), "")
-    assert "no board answered" in Page(html_report(run)).text
-    assert "CONNECTION LOST: no port. 0 measurements kept." in markdown_report(run)
-
-
 def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:
     table = run.table("heading.poses")
     assert table is not None
     holes = replace(table, rows=tuple((*row[:4], None, None, None) for row in table.rows))
     tables = tuple(holes if table.name == "heading.poses" else table for table in run.tables)
     assert "no pose was answered" in html_report(replace(run, tables=tables))
-
-
-def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
-    write_reports(run, tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.md"]
 
 
 def test_the_terminal_begins_with_the_verdict_and_ends_with_where_the_report_is(run: Run, tmp_path: Path) -> None:
@@ -285,10 +272,6 @@ def without_column(table: Table, name: str) -> Table:
         tuple(table.columns[index] for index in keep),
         tuple(tuple(row[index] for index in keep) for row in table.rows),
     )
-
-
-def test_a_run_without_curves_draws_none(run: Run) -> None:
-    assert budget_figures(replace(run, tables=())) == []
 
 
 def test_a_long_number_at_the_right_end_of_an_axis_is_not_cut() -> None:
