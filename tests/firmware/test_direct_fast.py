@@ -21,7 +21,6 @@ from hiltest.calibration import FitStatus, fit_direct
 from hiltest.calibration.quality import direction_difference_rms_deg, direction_error_rms_deg, sphere_directions
 
 from ..instances import Instance, instance
-from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_sums
 
 INSTANCES = int(os.environ.get("HILTEST_ACCURACY_INSTANCES", "400"))
 WHOLE = 10_000
@@ -108,24 +107,6 @@ def test_the_speed_costs_this_much_accuracy(host_calibrators: Any, setting: Sett
     assert (paired.extra > setting.extra_p99_deg).sum() <= (0.02 if doubt else 0.01) * len(paired.extra)
     # Clouds at the limit of coverage fall on either side of it.
     assert paired.judged_otherwise <= max(2, 0.001 * INSTANCES)
-
-
-@pytest.mark.parametrize(("setting", "most"), [(SETTINGS[0], 0.0), (SETTINGS[1], 0.0), (Setting(100, 0.5, 0.1), 0.005)])
-def test_hardly_a_cloud_overflows(setting: Setting, most: float) -> None:
-    """Each that does costs a second pass, so K begins where that is rare; the model counts them."""
-    clouds = np.array(
-        [instance(seed, setting.points, stretch=setting.stretch).points_counts for seed in range(1, INSTANCES + 1)]
-    ).astype(np.int64)
-    anchors = np.trunc((clouds.min(axis=1) + clouds.max(axis=1)) / 2.0).astype(np.int64)
-    farthest = np.abs(clouds - anchors[:, None]).max(axis=(1, 2))
-    shifts = np.array([largest_shift(int(item)) for item in farthest])
-    overflowed = sum(
-        packed_sums(clouds[shifts == shift], anchors[shifts == shift], int(shift)).overflowed.sum()
-        for shift in np.unique(shifts)
-    )
-    print(f"{setting.name}: {overflowed} of {INSTANCES} redone; K from {shifts.min()} to {shifts.max()}")
-    assert setting.points <= BLOCK_POINTS
-    assert overflowed <= max(2, most * INSTANCES)
 
 
 def test_100_points_are_fitted_in_7300_cycles(board_calibrators: Any) -> None:
