@@ -44,7 +44,7 @@ def report(*arguments: object) -> int:
 
 
 def names(folder: Path) -> list[str]:
-    return sorted(each.name for each in folder.iterdir())
+    return sorted(path.name for path in folder.iterdir())
 
 
 def test_the_reports_of_a_folder_are_those_that_the_run_wrote(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,12 +79,12 @@ def test_another_folder_gets_record_and_reports_and_loses_what_was_there(folder:
 def test_a_folder_that_another_run_has_is_left_alone(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    taken = tmp_path / "taken"
-    taken.mkdir()
-    journal = Journal(taken)
-    assert report(folder, "--out", taken) == 4
-    assert f"ERROR: the folder {taken} is in use" in capsys.readouterr().err
-    assert names(taken) == [JOURNAL_FILE]
+    busy = tmp_path / "busy"
+    busy.mkdir()
+    journal = Journal(busy)
+    assert report(folder, "--out", busy) == 4
+    assert f"ERROR: the folder {busy} is in use" in capsys.readouterr().err
+    assert names(busy) == [JOURNAL_FILE]
     journal.release()
 
 
@@ -111,7 +111,7 @@ class TestUnfinished:
         assert names(recorder.folder) == sorted([*OUTPUT, JOURNAL_FILE])
         page = (recorder.folder / "report.html").read_text(encoding="utf-8")
         assert sentence in page
-        assert [each.name for each in good if each.name not in page] == []
+        assert [measurement.name for measurement in good if measurement.name not in page] == []
         assert sentence in (recorder.folder / "report.md").read_text(encoding="utf-8")
 
     def test_one_that_goes_on_says_so(self, recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
@@ -248,8 +248,8 @@ def places(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str 
     if place:
         yield place
     inner = value.items() if isinstance(value, dict) else enumerate(value[:3]) if isinstance(value, list) else ()
-    for step, each in inner:
-        yield from places(each, (*place, step))
+    for step, content in inner:
+        yield from places(content, (*place, step))
 
 
 @given(data=st.data())

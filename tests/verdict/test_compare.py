@@ -84,8 +84,8 @@ def newly_out(base: Evidence, new: Evidence, name: str) -> bool:
     )
 
 
-def fails(made: Measurement) -> bool:
-    return made.outcome is Outcome.FAIL
+def fails(measurement: Measurement) -> bool:
+    return measurement.outcome is Outcome.FAIL
 
 
 def only(base: Evidence, new: Evidence) -> Difference:
@@ -101,8 +101,8 @@ def missing(base: Evidence, new: Evidence, name: str) -> list[int | None]:
 
 
 def value(side: Evidence, seed: int | None, name: str) -> float | None:
-    made = side.measurements[seed].get(name)
-    return None if made is None else made.value
+    cell = side.measurements[seed].get(name)
+    return None if cell is None else cell.value
 
 
 @given(pairs_of_runs())
@@ -604,7 +604,7 @@ def test_the_first_concern_is_what_is_out_of_its_limit_then_what_has_one_then_th
     }
     limits = {"heading.direct.max": Limit(max=1.8), "heading.iterative.max": Limit(max=1.8)}
     base, new = (
-        evidence([made for name, both in moved.items() for made in cell_of(name, both[side], limits.get(name))])
+        evidence([cell for name, both in moved.items() for cell in cell_of(name, both[side], limits.get(name))])
         for side in (0, 1)
     )
     comparison = compare(base, new)
