@@ -271,8 +271,8 @@ def test_the_sense_of_one_s_own_measurement_goes_through_a_baseline(tmp_path: Pa
         side = evidence([measurement("compass.lag", lag, limit=Limit(max=10)), measurement("link.retried", 0)])
         file.write_text(to_json(baseline_of(side, THEN)), encoding="utf-8")
         sides.append(read_evidence(file))
-    (result,) = compare(*sides).differences_with(Change.WORSE)
-    assert (result.name, result.limit) == ("compass.lag", Limit(max=10))
+    (difference,) = compare(*sides).differences_with(Change.WORSE)
+    assert (difference.name, difference.limit) == ("compass.lag", Limit(max=10))
     text = file.read_text(encoding="utf-8")
     assert text.count('"limit"') == 1  # one that has none is written as ever
     file.write_text(text.replace(', "limit": {"min": null, "max": 10}', ""), encoding="utf-8")

@@ -211,8 +211,8 @@ def test_a_campaign_is_one_side(changed: Changed, tmp_path: Path) -> None:
     assert comparison.obstacles == (
         f"{tmp_path / 'base'}: the campaign was cut short: it has no seeds.json; repeat it",
     )
-    (result,) = (difference for difference in comparison.differences if difference.name == "cycles.direct.total")
-    assert (result.change, result.seeds, result.new) == ("better", 8, 9_995.5)
+    (difference,) = (difference for difference in comparison.differences if difference.name == "cycles.direct.total")
+    assert (difference.change, difference.seeds, difference.new) == ("better", 8, 9_995.5)
     assert comparison.base.seeds == tuple(range(1, 9))
 
 
