@@ -406,7 +406,7 @@ def _result(seed: int, exit_code: int, last_line: str, folder: Path) -> SeedResu
     if exit_code != ExitCode.USAGE_ERROR:  # a run with this code was refused the folder, which another run has
         try:
             stored = read_record(folder)
-            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
+            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.file.path))
             return SeedResult(
                 seed,
                 exit_code,

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.interfaces.quantities import Moment, Quantity
 from hiltest.interfaces.text_forms import ColumnForm, Form, JsonForm, PatternForm
-from hiltest.interfaces.text_interface import TextInterface
+from hiltest.interfaces.text_interface import TextInterface, ValueSource, component_names
 from hiltest.interfaces.text_lines import Pattern
-from hiltest.interfaces.text_values import ValueSource, component_names
 from hiltest.measurement.units import Conversion, conversion, unit_words
 from hiltest.rig.text_device import COUNTS, TextDevice, TextValue
 from hiltest.rig.toml_tables import RigValueError, require
