@@ -102,7 +102,7 @@ class Declared:
     """Injected faults."""
 
     @classmethod
-    def of(cls, rig: Rig) -> Declared:
+    def select(cls, rig: Rig) -> Declared:
         """Select the declarations of a rig that concern a board."""
         named = {
             SensorKind.MAGNETOMETER: rig.sensors.magnetometer,
@@ -334,13 +334,13 @@ class Board(ABC):
     def line_is_exact(self) -> bool:
         """True if the line is free of errors, as a simulated line without faults is."""
         faults = self.declared.faults
-        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_line)
+        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.has_line_faults)
 
     @property
     def sensors_are_sound(self) -> bool:
         """True if its sensors and buses cannot fail: true for a virtual board without such faults in its rig."""
         faults = self.declared.faults
-        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_sensors)
+        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.has_sensor_faults)
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""

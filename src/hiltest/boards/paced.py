@@ -271,7 +271,7 @@ class PacedBench:
 
     def _run(self) -> None:
         try:
-            while self._running and self._in_reset():
+            while self._running and self._is_in_reset():
                 self._wait_for_bytes()
             self._began_s = time.monotonic() - self._bench.machine.halted_s
             while self._running:
@@ -285,7 +285,7 @@ class PacedBench:
                 self._running = False
                 self._clock.notify_all()
 
-    def _in_reset(self) -> bool:
+    def _is_in_reset(self) -> bool:
         """Return whether the board still waits for a program to connect."""
         with self._clock:
             for line in self._served:

@@ -58,6 +58,11 @@ class MagnetometerFit:
         """True if soft_iron and hard_iron were fitted to the points."""
         return self.status not in _WITHOUT_A_FIT
 
+    @property
+    def radius(self) -> float:
+        """Radius of the sphere with the volume of the ellipsoid [counts]: the strength of the field."""
+        return float(abs(np.linalg.det(self.soft_iron)) ** (-1.0 / 3.0))
+
     def corrected(self, points_counts: ArrayLike) -> Array:
         """Return the corrected points, shape (n, 3) [1], norm 1 for good points."""
         points = np.asarray(points_counts, dtype=np.float64)

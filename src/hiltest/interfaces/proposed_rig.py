@@ -112,7 +112,7 @@ def look_at(image: FirmwareImage) -> Proposals:
     kinds = {Kind.FSFLK: is_nxp, Kind.TEXT: Quantity.HEADING in by_line, Kind.MEMORY: Quantity.HEADING in by_variable}
     if is_nxp:  # its variables are in hiltest's units
         by_variable = {
-            quantity: [_with_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
+            quantity: [_set_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
         }
     return Proposals(
         len(names & _OURS) > 1,
@@ -125,7 +125,7 @@ def look_at(image: FirmwareImage) -> Proposals:
     )
 
 
-def _with_own_unit(candidate: Candidate) -> Candidate:
+def _set_own_unit(candidate: Candidate) -> Candidate:
     unit = "" if "int" in candidate.reason else candidate.meaning.quantity.unit
     return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
 
@@ -209,17 +209,17 @@ def _used_candidate(candidates: Sequence[Candidate], choose: Choose | None) -> C
     quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
     if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
         is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # because it may be the soft iron itself
-        return _with_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
+        return _set_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
     options = [f"{candidate.written}  ({candidate.reason})" for candidate in candidates]
     number = choose(f"{quantity.key} is", [*options, "none of these"])
     if number == len(candidates) or not candidates[number].needs_unit:
         return candidates[number] if number < len(candidates) else None
     candidate, units = candidates[number], unit_words(quantity.unit)
     number = choose(f"unit of {candidate.written}", [*units, "unknown, or counts"])
-    return _with_unit(candidate, units[number]) if number < len(units) else None
+    return _set_unit(candidate, units[number]) if number < len(units) else None
 
 
-def _with_unit(candidate: Candidate, unit: str = "") -> Candidate:
+def _set_unit(candidate: Candidate, unit: str = "") -> Candidate:
     """Return a candidate with the given unit, its guessed one, or the quantity's own."""
     its_unit = unit or candidate.meaning.unit or candidate.meaning.quantity.unit
     return replace(candidate, meaning=replace(candidate.meaning, unit=its_unit))
@@ -234,7 +234,7 @@ def _entries(candidates: Candidates, choose: Choose | None) -> Iterator[tuple[Ca
             doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
             if candidate.needs_unit and not (is_used and choose is not None):
                 doubt = f"{quantity.unit}? not stated"
-            entry = used if is_used and used is not None else _with_unit(candidate)
+            entry = used if is_used and used is not None else _set_unit(candidate)
             yield entry, "" if is_used else "# ", "; ".join(filter(None, (candidate.reason, doubt)))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsFit, TurnsStatus
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import Counts, Reals, RunCost, Statistic, Status
-from hiltest.link.request import Plain, Request, Timed, within
+from hiltest.link.request import Plain, Request, Timed, check_range
 
 MAX_REST = 4096
 MAX_TURN = 12_000
@@ -182,7 +182,7 @@ class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
 
     def payload(self) -> bytes:
         """Return the request's payload."""
-        n = within(self.n, 1, MAX_REST, "samples")
+        n = check_range(self.n, 1, MAX_REST, "samples")
         return struct.pack("<HIBf", n, self.timeout_us, self.store, self.noise)
 
 
@@ -196,7 +196,7 @@ class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
 
     def payload(self) -> bytes:
         """Return the request's payload."""
-        return struct.pack("<HI", within(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
+        return struct.pack("<HI", check_range(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class LogGyroscope(Timed, Request[LogGyroscopeReply]):
 
     def payload(self) -> bytes:
         """Return the request's payload."""
-        return struct.pack("<BBI", within(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
+        return struct.pack("<BBI", check_range(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class FitGyroscope(Request[FitGyroscopeReply]):
 
     def payload(self) -> bytes:
         """Return the request's payload."""
-        count = within(len(self.turns), 1, MAX_TURNS, "turns")
+        count = check_range(len(self.turns), 1, MAX_TURNS, "turns")
         return bytes([count]) + b"".join(map(_turn_field, self.turns))
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Request, within
+from hiltest.link.request import Request, check_range
 
 #: Names of the sequences, in the order of the protocol.
 SEQUENCES = (
@@ -110,7 +110,7 @@ class TimeSequence(Request[RunCost | None]):
 
     def payload(self) -> bytes:
         """Return sequence and place."""
-        within(self.sequence, 0, len(SEQUENCES) - 1, "sequence")
+        check_range(self.sequence, 0, len(SEQUENCES) - 1, "sequence")
         return struct.pack("<BB", self.sequence, self.place)
 
     def parse(self, fields: FieldReader) -> RunCost | None:

@@ -62,7 +62,7 @@ class Target:
         of_port = place_of(self.port) if self.port else None
         if of_port or self.serial_number:
             return of_port or self.serial_number
-        drive = DriveState.of(self.volume) if self.volume else None
+        drive = DriveState.read(self.volume) if self.volume else None
         return (drive.unique_id if drive else "") or os.path.realpath(self.volume or "pyocd")
 
     def mounted_at(self) -> Path | None:
@@ -123,7 +123,7 @@ def find_target(
             (board for board in find_boards() if real in {os.path.realpath(port) for port in board.ports}), None
         )
     elif url is None and volume is not None:
-        drive = DriveState.of(volume)
+        drive = DriveState.read(volume)
         board = next((board for board in find_boards() if drive and board.serial_number == drive.unique_id), None)
     else:
         try:
