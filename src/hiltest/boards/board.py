@@ -478,7 +478,6 @@ class Board(ABC):
         return None
 
     def close(self) -> None:
-        """Close the port."""
         self.interface.close()
 
     def __enter__(self) -> Self:

@@ -109,7 +109,6 @@ class FaultyPort:
         self._port.reset_input_buffer()
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _next_piece(self, read: Callable[[], bytes], end: Callable[[bytes], int]) -> bytes:

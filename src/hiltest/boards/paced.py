@@ -37,7 +37,7 @@ _OPENING_S = 0.25
 _KEPT_BYTES = 1 << 16
 
 
-class Device(Protocol):
+class LineDevice(Protocol):
     """A device on a line whose clock is the bench's."""
 
     def room(self) -> int:
@@ -97,7 +97,7 @@ class _ServedLine:
         True if the device's output before the first program connects is saved for it; otherwise it is lost.
     """
 
-    def __init__(self, line: PortLine, device: Device, *, keeps: bool) -> None:
+    def __init__(self, line: PortLine, device: LineDevice, *, keeps: bool) -> None:
         self.line = line
         self._keeps = keeps
         self._device = device
@@ -159,7 +159,7 @@ class PacedBench:
         self,
         bench: VirtualBench,
         line: PortLine,
-        *others: tuple[PortLine, Device],
+        *others: tuple[PortLine, LineDevice],
         held: Callable[[], bool] | None = None,
         until_s: float = math.inf,
     ) -> None:

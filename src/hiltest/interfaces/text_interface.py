@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.interfaces.quantities import Moment, Observation, Quantity
-from hiltest.interfaces.text_forms import Form
+from hiltest.interfaces.text_forms import LineForm
 from hiltest.interfaces.text_lines import LONGEST_LINE, LineSplitter, Pattern, is_intact
 from hiltest.measurement.units import Conversion
 from hiltest.text import format_count, legible
@@ -86,7 +86,7 @@ class ValueSource:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class LineReading:
     """Interpretation of a line."""
 
     line: str
@@ -130,7 +130,7 @@ class TextInterface:
 
     def __init__(
         self,
-        form: Form,
+        form: LineForm,
         sources: Sequence[ValueSource],
         *,
         patterns: Sequence[Pattern] = (),
@@ -174,20 +174,20 @@ class TextInterface:
         readings = [reading for reading in self.readings(data) if reading.values or reading.error]
         return [Observation(time_s, reading.values, reading.error, reading.checked) for reading in readings]
 
-    def readings(self, data: bytes) -> list[Reading]:
+    def readings(self, data: bytes) -> list[LineReading]:
         """Decode bytes; return every line that they complete, interpreted or not."""
         readings = [self._read(line) for line in self._splitter.feed(data)]
         self.not_understood += sum(not reading.understood for reading in readings)
         return readings
 
-    def _read(self, line: str | None) -> Reading:
+    def _read(self, line: str | None) -> LineReading:
         if line is None:
             self._begun = True
-            return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
+            return LineReading("", remark=f"longer than {LONGEST_LINE} bytes")
         is_first, self._begun = not self._begun, True
         intact = is_intact(line)
         if intact is False and not is_first:
-            return Reading(line, error=_DAMAGED)
+            return LineReading(line, error=_DAMAGED)
         match = self._form.find(line)
         values, refused = self._values(match.fields)
         complaints = [f"{quantity.key}: {why}" for quantity, why in refused.items()]
@@ -201,7 +201,7 @@ class TextInterface:
         error = self._error_in(line)
         understood = bool(values or error or match.is_header or is_first)
         remarks = complaints or ([] if values or error else [match.remark])
-        return Reading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
+        return LineReading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
 
     def _values(
         self, fields: Mapping[str, Sequence[str]]

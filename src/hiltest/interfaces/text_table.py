@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.interfaces.quantities import Moment, Quantity
-from hiltest.interfaces.text_forms import ColumnForm, Form, JsonForm, PatternForm
+from hiltest.interfaces.text_forms import ColumnForm, JsonForm, LineForm, PatternForm
 from hiltest.interfaces.text_interface import TextInterface, ValueSource, component_names
 from hiltest.interfaces.text_lines import Pattern
 from hiltest.measurement.units import Conversion, conversion, unit_words
@@ -42,7 +42,7 @@ def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterf
     )
 
 
-def _form(table: TextDevice, patterns: Sequence[Pattern], sources: Sequence[ValueSource]) -> Form:
+def _form(table: TextDevice, patterns: Sequence[Pattern], sources: Sequence[ValueSource]) -> LineForm:
     if table.format == "lines":
         return PatternForm(patterns)
     names = [name for source in sources for name in source.fields]

@@ -58,7 +58,6 @@ class FitAccelerometerReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FitAccelerometerReply:
-        """Read the reply."""
         status = fields.choice(AccelerometerStatus, "fit status")
         mask, pose = fields.number("B", "faces"), fields.number("B", "pose")
         faces = tuple(face for face in FACES if mask >> face & 1)

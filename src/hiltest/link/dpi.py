@@ -38,7 +38,6 @@ class DpiReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> DpiReply:
-        """Read the reply."""
         fit = fields.choice(FitStatus, "fit status")
         fields.number("B", "flags")
         fields.number("H", "iterations")

@@ -64,7 +64,6 @@ class FusionSummary:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionSummary:
-        """Read the reply."""
         began_us = fields.number("Q", "began")
         names = ("records", "no attitude", "accelerated", "bad steps", "overruns")
         records, no_attitude, accelerated, bad_steps, overruns = (fields.number("H", name) for name in names)
@@ -94,7 +93,6 @@ class FusionRecords:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionRecords:
-        """Read the reply."""
         count = fields.number("B", "records")
         times, rows = [], []
         for _ in range(count):

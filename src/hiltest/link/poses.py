@@ -28,7 +28,6 @@ class AddPoseReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> AddPoseReply:
-        """Read the reply."""
         index = fields.number("B", "index")
         return cls(index, AverageReply.parse(fields, 0), fields.number("b", "die temperature"))
 

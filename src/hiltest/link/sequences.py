@@ -99,8 +99,8 @@ class TimeSequence(Request[RunCost | None]):
     The cost is that of its first half. The overhead is a run of its second half, which begins and ends like the whole.
     """
 
-    code: ClassVar[int] = 0x26
-    command: ClassVar[str] = "TIME_SEQUENCE"
+    code = 0x26
+    command = "TIME_SEQUENCE"
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
 
     sequence: int

@@ -138,7 +138,6 @@ class Session:
         return sum(attempt.number == 2 for attempt in self.attempts)
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def synchronise(self) -> None:

@@ -73,7 +73,6 @@ class StreamStateReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> StreamStateReply:
-        """Read the reply."""
         fit = fields.choice(FitStatus, "fit status")
         flags = fields.number("B", "flags")
         iterations = fields.number("H", "iterations")
