@@ -23,7 +23,6 @@ from hiltest.commands.init import Copied
 from hiltest.commands.listen import Understood
 from hiltest.commands.log import Logged
 from hiltest.commands.options import Failed
-from hiltest.commands.play import Played
 from hiltest.commands.ports import Ports
 from hiltest.commands.profile_worst import Worst
 from hiltest.commands.report_export import ExportedNumbers
@@ -35,6 +34,7 @@ from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.imu_fit import ImuFitDocument
 from hiltest.log_fitting.sample_fit_exports import FitHead
 from hiltest.procedures.imu_calibration.contents import ImuCalibration
+from hiltest.procedures.recorded_motion import Played
 from hiltest.report.comparison_text import Comparisons
 from hiltest.report.render import Reported
 from hiltest.report.trend.outputs import TrendDocument

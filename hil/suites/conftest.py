@@ -160,7 +160,7 @@ def six_positions(
             field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         ),
-        journal=request.config.stash[SESSION].by_hand,
+        journal=request.config.stash[SESSION].hand_journal,
     )
     store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
     return run
@@ -231,7 +231,7 @@ def tumble(
     board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
 ) -> Tumble:
     """Magnetometer points that the board collected while it was turned all round."""
-    by_hand = request.config.stash[SESSION].by_hand
+    by_hand = request.config.stash[SESSION].hand_journal
     collect = partial(collect_tumble, board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
     return by_hand.tumble(board, collect) if by_hand else collect()
 
@@ -334,7 +334,7 @@ def requested_angles(
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose,
         progress=hil_progress,
-        journal=request.config.stash[SESSION].by_hand,
+        journal=request.config.stash[SESSION].hand_journal,
     )
 
 

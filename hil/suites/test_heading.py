@@ -145,7 +145,7 @@ def record_evidence(known_angles: RequestedAngles, rig: Rig, measure: Measure) -
     )
     # The true field and gravity at each pose, and the calibrations that the board applies to its readings.
     field = EarthField(rig.field.strength_ut, rig.field.dip_deg)
-    known = known_angles.in_body(field.ned_ut), known_angles.in_body((0.0, 0.0, 1.0))
+    known = known_angles.rotate_to_body(field.ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
     units = {"field": "uT", "gravity": "g"}
     measure.table(
         "heading.known",

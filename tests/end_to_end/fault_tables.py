@@ -106,7 +106,7 @@ def begin_s(faults: Faults | None) -> float:
     """Return when a fault begins, from the opening of the port on: one of the firmware, at its first command."""
     if faults is None:
         return 0.0
-    timed = (faults.stall, faults.disappear, faults.baud, faults.full_output, *faults.of_board)
+    timed = (faults.stall, faults.disappear, faults.baud, faults.full_output, *faults.board_faults)
     return next((call.after_s for call in timed if call is not None), faults.after_s)
 
 

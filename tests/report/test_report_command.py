@@ -123,7 +123,7 @@ class TestUnfinished:
         recorder.release()
         assert report(recorder.folder, "--out", tmp_path / "copy") == 0
         stored = read_record(tmp_path / "copy")
-        assert stored.path.name == RUN_FILE
+        assert stored.file.path.name == RUN_FILE
         assert stored.run == read_record(recorder.folder).run
         assert (stored.run.verdict.outcome, stored.run.verdict.complete) == ("cut short", False)
 

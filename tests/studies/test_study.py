@@ -194,7 +194,7 @@ class TestEveryStudy:
         assert run("study", name, "--instances", "2", "--jobs", "1", "--out", str(tmp_path)) == 0
         output = capsys.readouterr().out
         record = read_record(tmp_path)
-        assert not list(Draft202012Validator(json_schema("hiltest.run/1")).iter_errors(record.content))
+        assert not list(Draft202012Validator(json_schema("hiltest.run/1")).iter_errors(record.file.content))
         kinds = [identify(measurement.name).kind for measurement in record.run.measurements]
         assert {kind.name for kind in kinds if kind} == {kind for kind in KINDS if kind.startswith(f"study.{name}.")}
         assert None not in kinds

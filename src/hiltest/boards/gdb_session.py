@@ -51,7 +51,7 @@ class GdbSession:
             ),
             (b"qXfer:features:read:target.xml:", lambda rest: _part(target_description(), rest)),
             (b"qXfer:memory-map:read::", lambda rest: _part(memory_description(machine.memory), rest)),
-            (b"QStartNoAckMode", self._without_acknowledgement),
+            (b"QStartNoAckMode", self._stop_acknowledging),
             (b"qRcmd,", self._monitor),
             (b"qAttached", lambda _: b"1"),
             (b"qC", lambda rest: _UNKNOWN if rest else b"QC1"),
@@ -251,7 +251,7 @@ class GdbSession:
             self._debugger.clear_breakpoint(address)
         return _OK
 
-    def _without_acknowledgement(self, _rest: bytes) -> bytes:
+    def _stop_acknowledging(self, _rest: bytes) -> bytes:
         self._acknowledges = False
         return _OK
 

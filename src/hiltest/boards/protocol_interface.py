@@ -138,7 +138,6 @@ class ProtocolInterface:
         )
 
     def close(self) -> None:
-        """Close the port."""
         self.session.close()
 
     def _select(self) -> tuple[SensorInfo, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, Truth
-from hiltest.boards.faulty_port import with_faults
+from hiltest.boards.faulty_port import add_faults
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.output_interface import OutputInterface, open_output
@@ -107,7 +107,7 @@ class VirtualBoard(Board):
     ) -> None:
         self._bench, self._machine = bench, bench.machine
         self._counters: dict[str, _CallCounter] = {}
-        declared = declared or Declared.of(bench.rig)
+        declared = declared or Declared.select(bench.rig)
         image = bench.machine.image
         self.stage, self.execution = bench, bench.execution
         self.seed, self.truth = bench.seed, truth_of(bench.rig)
@@ -139,7 +139,7 @@ class VirtualBoard(Board):
         # A simulated line loses nothing, so a repeated request would not be answered either.
         terms = LinkTerms(nonce_seed=bench.seed, attempts=1 if declared.faults is None else ATTEMPTS)
         session = terms.session(
-            lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud),
+            lambda: add_faults(port, declared.faults, baud=bench.rig.link.baud),
             transcript,
             tape,
             session_type=partial(_Session, bench.machine.cycle_counter),
@@ -152,7 +152,7 @@ class VirtualBoard(Board):
         self.firmware = self._bench.firmware.name
         return open_output(
             rig,
-            lambda: with_faults(self._open_port(), declared.faults, baud=rig.link.baud),
+            lambda: add_faults(self._open_port(), declared.faults, baud=rig.link.baud),
             image=self._machine.image,
             machine=self._machine,
             transcript=transcript,

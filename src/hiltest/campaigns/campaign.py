@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -298,9 +298,9 @@ def _run_remotely(
         yield seed, (ended.exit_code, ended.last_line)
 
 
-def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mapping[str, str] = os.environ) -> bool:
+def _is_packaged(evidence: Evidence, options: Sequence[str]) -> bool:
     """Return whether the packaged firmware ran because no option or variable named one."""
-    named = environment.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
+    named = os.environ.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
     if named or not evidence.side.build_id:
         return False
     return evidence.side.build_id == packaged_build_id()  # an ini file may have named another one
@@ -406,7 +406,7 @@ def _result(seed: int, exit_code: int, last_line: str, folder: Path) -> SeedResu
     if exit_code != ExitCode.USAGE_ERROR:  # a run with this code was refused the folder, which another run has
         try:
             stored = read_record(folder)
-            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
+            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.file.path))
             return SeedResult(
                 seed,
                 exit_code,

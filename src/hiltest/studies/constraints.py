@@ -54,7 +54,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
 def _draw(random: np.random.Generator, surface: int, count: int) -> Clouds:
     """Draw points until the best quadric of unit trace is no ellipsoid."""
     for _ in range(_ATTEMPTS):
-        clouds = Clouds.of(_points(random, surface, count))
+        clouds = Clouds.centre(_points(random, surface, count))
         if not np.linalg.eigvalsh(shape_of(unconstrained(clouds)))[0] > 0.0:
             return clouds
     raise HiltestError(

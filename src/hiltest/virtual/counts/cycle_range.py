@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
-from hiltest.measurement import DOUBT, CycleRange, RowEffect, in_flash
+from hiltest.measurement import DOUBT, CycleRange, RowEffect, runs_from_flash
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.peripherals.dwt import CycleCounter
@@ -151,7 +151,7 @@ def range_where_it_ran(
     executed
         Slices that were counted, and those that were subtracted; None if they are unknown.
     """
-    if in_flash(cycle_model):
+    if runs_from_flash(cycle_model):
         return flash_range(profile, cycles)
     return cycle_range(profile, cycles, *executed) if executed else None
 
