@@ -262,7 +262,7 @@ def test_a_port_that_does_not_exist_lists_those_that_do(run_in, tmp_path: Path) 
     ("make", "complaint"),
     [
         (lambda path: None, "no such file"),
-        (lambda path: path.write_text("not an ELF"), "not a whole ELF file"),
+        (lambda path: path.write_text("not an ELF"), "not a complete ELF file"),
         (lambda path: path.write_bytes(Path(sys.executable).read_bytes()), "ARM"),
     ],
     ids=["missing", "text", "another core"],
