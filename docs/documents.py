@@ -39,7 +39,7 @@ from hiltest.report.comparison_text import Comparisons
 from hiltest.report.render import Reported
 from hiltest.report.trend.outputs import TrendDocument
 from hiltest.run_record.run import Run
-from hiltest.studies.study_page import Studied
+from hiltest.studies.study_page import StudyDocument
 from hiltest.virtual.profiling.document import ProfileDocument
 from hiltest.virtual.profiling.timing_table import Timing
 
@@ -75,7 +75,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.allan/1": (Allan,),
     "hiltest.decode/1": (Decoded,),
     "hiltest.play/1": (Played,),
-    "hiltest.study/1": (Studied,),
+    "hiltest.study/1": (StudyDocument,),
 }
 """Classes of each schema, whose fields are the keys."""
 # Documents with many keys have a page that says what they mean.

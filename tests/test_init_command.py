@@ -288,7 +288,7 @@ def test_what_needs_no_rig_or_is_no_firmware_is_refused_before_anything_is_copie
     (tmp_path / "app.elf").write_bytes(b"text" if machine == "text" else content)
     assert run("init", str(tmp_path / "bench"), "--firmware", str(tmp_path / "app.elf")) == 4
     said = capsys.readouterr().err
-    assert {"x86-64": "EM_X86_64", "text": "not a whole ELF"}.get(machine, "own protocol") in said
+    assert {"x86-64": "EM_X86_64", "text": "not a complete ELF"}.get(machine, "own protocol") in said
     assert not (tmp_path / "bench").exists()
 
 

@@ -75,5 +75,5 @@ def test_one_fit_that_is_not_bettered_is_not_what_the_thesis_says() -> None:
 
 def test_points_that_always_make_an_ellipsoid_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(constraints, "_ATTEMPTS", 3)
-    with pytest.raises(HiltestError, match="1000 points near an ellipsoid were fitted by an ellipsoid 3 times"):
+    with pytest.raises(HiltestError, match="the best quadric of 1000 points was an ellipsoid 3 times"):
         measure(Plan("constraints", 1, 1, 1000), Block(0, 0, 1))

@@ -154,11 +154,11 @@ def memory(row: str, value: int, most: int | None = None) -> str:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('name = "a"\nbase = "gone/1"', 'base: must be a profile that ships: .*; not "gone/1"'),
-        ('name = "a"\nbase = 3', "base: must be a profile that ships"),
+        ('name = "a"\nbase = "gone/1"', 'base: must be a shipped profile: .*; not "gone/1"'),
+        ('name = "a"\nbase = 3', "base: must be a shipped profile"),
         (
             f'name = "a"\nbase = "{DEFAULT_PROFILE}"\n[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "x"',
-            "memory.flash_line_bytes is missing, 12 rows in all",
+            "memory.flash_line_bytes is missing, 12 rows in total",
         ),
         (
             f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash_clocks]\nvalue = 0\nband = [0, 4]\nsource = "x"',

@@ -161,13 +161,13 @@ class VirtualBench:
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
-        self.machine.warm_by(lambda: self.temperature_degc)
+        self.machine.set_temperature(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):
             int1, int2 = described.pins
             if int1 or int2:
                 part = self._parts[described.bus, described.address]
-                self.machine.lead_interrupts(described.bus, part, int1=int1, int2=int2)
+                self.machine.connect_interrupts(described.bus, part, int1=int1, int2=int2)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""

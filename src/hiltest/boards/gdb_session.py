@@ -12,7 +12,7 @@ from hiltest.virtual.board.debugger import Debugger, Stop, StopReason, WatchKind
 from hiltest.virtual.board.k64f import VirtualK64F
 
 _OK, _UNKNOWN, _REFUSED = b"OK", b"", b"E01"
-_SIGNALS = {StopReason.ASKED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP
+_SIGNALS = {StopReason.REQUESTED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP
 _TRAP = 5
 _WATCHES = {b"2": WatchKind.WRITE, b"3": WatchKind.READ, b"4": WatchKind.ACCESS}
 _WATCH_NAMES = {WatchKind.WRITE: b"watch", WatchKind.READ: b"rwatch", WatchKind.ACCESS: b"awatch"}
@@ -124,7 +124,7 @@ class GdbSession:
             self.over = True
             self._machine.debugged = False
             self._debugger.clear()
-            self._debugger.go_on()
+            self._debugger.resume()
 
     def _say(self, answer: bytes | None) -> bytes:
         if answer is None:  # comes when the processor halts
@@ -149,7 +149,7 @@ class GdbSession:
     # -- running ------------------------------------------------------------------------------
 
     def _go(self, *, step: bool = False, within: range = range(0)) -> bytes:
-        self._debugger.go_on(step=step, within=within)
+        self._debugger.resume(step=step, within=within)
         self._goes = True
         return _OK
 

@@ -30,7 +30,7 @@ from hiltest.orientation.angles import Pose
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.counts.cycle_range import TimedSteps, range_where_it_ran
+from hiltest.virtual.counts.cycle_range import TimedSteps, timed_range
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.program.elf import FirmwareImage, load_image
@@ -235,7 +235,7 @@ class VirtualBoard(Board):
         calls = call_counter.calls if calibrator and (call_counter := self.call_counter(calibrator)) else ()
         call = (calls[-1].entered, calls[-1].returned) if calls else None
         executed = counter.executed_in(cost.cycles, cost.overhead_cycles, call)
-        return range_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
+        return timed_range(profile, self.cycle_model, cost.cycles, executed)
 
     def timed_steps(self) -> TimedSteps:
         """Start to record work that is timed step by step."""

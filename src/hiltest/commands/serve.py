@@ -278,7 +278,7 @@ def _bench(
         base=base,
         flash_file=Path(flash_file) if flash_file else None,
     )
-    bench.machine.tell(_tell)
+    bench.machine.report_waits(_tell)
     for uart in bench.machine.uarts:
         uart.line_baud = baud or described.link.baud
     return bench
