@@ -100,7 +100,7 @@ def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_
     direct, iterative = ([cell.text for cell in row.cells] for row in table.rows[:2])
     place = table.headings.index("cycles as it runs from flash")
     assert (direct[place], iterative[place]) == ("12 345", "")
-    assert "in cycles by cortex-m4-trm/2@sram, as it runs from flash by m@flash" in text_of(html_report(run))
+    assert "cycles by cortex-m4-trm/2@sram, from flash by m@flash" in text_of(html_report(run))
     answer = summary(run, Path("out"), verbose=False, width=100, colour=False)
     assert "(ranked)" in answer
     assert "from flash" in answer
@@ -285,7 +285,7 @@ def test_a_comparison_shows_what_changed_in_order_of_concern(run: Run) -> None:
     assert "✗ worse 11 061 cycle 11 161 cycle +100, +0.9 % exact at most 12 500" in text
     assert "+0.3, +300 %, 95 % +0.28 to +0.32 0.05 deg and 2 %" in text
     assert "b.same" not in text
-    assert "1 new, 1 unchanged; cycles counted by m. Worse only beyond" in text
+    assert "1 new, 1 unchanged; cycles counted by m. A measurement is worse only" in text
     assert "cycles.direct.total: worse, +0.9 %" in page, "the drawing says in words what it shows"
 
 
