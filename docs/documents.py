@@ -23,7 +23,6 @@ from hiltest.commands.init import Copied
 from hiltest.commands.listen import Understood
 from hiltest.commands.log import Logged
 from hiltest.commands.options import Failed
-from hiltest.commands.play import Played
 from hiltest.commands.ports import Ports
 from hiltest.commands.profile_worst import Worst
 from hiltest.commands.report_export import ExportedNumbers
@@ -35,11 +34,12 @@ from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.imu_fit import ImuFitDocument
 from hiltest.log_fitting.sample_fit_exports import FitHead
 from hiltest.procedures.imu_calibration.contents import ImuCalibration
+from hiltest.procedures.recorded_motion import Played
 from hiltest.report.comparison_text import Comparisons
 from hiltest.report.render import Reported
 from hiltest.report.trend.outputs import TrendDocument
 from hiltest.run_record.run import Run
-from hiltest.studies.study_page import Studied
+from hiltest.studies.study_page import StudyDocument
 from hiltest.virtual.profiling.document import ProfileDocument
 from hiltest.virtual.profiling.timing_table import Timing
 
@@ -75,7 +75,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.allan/1": (Allan,),
     "hiltest.decode/1": (Decoded,),
     "hiltest.play/1": (Played,),
-    "hiltest.study/1": (Studied,),
+    "hiltest.study/1": (StudyDocument,),
 }
 """Classes of each schema, whose fields are the keys."""
 # Documents with many keys have a page that says what they mean.
@@ -96,28 +96,28 @@ LONG = {"hiltest.run/1", "hiltest.fit/1", "hiltest.profile/1"}
 HEAD = """\
 # JSON of every command
 
-Every command has `--json`. Standard output is then one JSON document and nothing else, whatever a person would have
-been shown goes to standard error, and the exit code is the one without the option.
+Every command has `--json`. Standard output is then one JSON document and nothing else, all other output goes to
+standard error, and the exit code does not change.
 
 ```sh
 hiltest compare baseline.json after --json
 ```
 
-Its first key, `schema`, is a name and the number of a version. The number changes when a key is removed, or is called
-or means something else; a reader ignores keys that it does not know. Each schema has a JSON Schema (draft 2020-12) in
-the folder `schemas` of the package. Every key is always there; one without a value is null.
+Its first key, `schema`, is a name and the number of a version. The number changes if a key is removed or renamed, or
+if its meaning changes; a reader ignores keys that it does not know. Each schema has a JSON Schema (draft 2020-12) in
+the folder `schemas` of the package. Every key is always present; a key without a value is null.
 
-A command that cannot do what it was asked to prints a document of `hiltest.error/1` in the place of its own. A run or
-a comparison that is red has done it: its document is the usual one, and says so.
+If a command ends with an error, it prints a document of `hiltest.error/1` instead of its own. A failed run or
+a comparison with regressions is no error: its document is the usual one.
 
-- `hiltest run` prints its record, `run.json`, at its end; a campaign prints `seeds.json`. What stands behind `--` is
-  pytest's.
-- `hiltest serve` prints its document in one line as soon as the ports can be opened, and goes on until it is ended.
+- `hiltest run` prints its record, `run.json`, at its end; a campaign prints `seeds.json`. Arguments after `--`
+  belong to pytest.
+- `hiltest serve` prints its document in one line as soon as the ports can be opened, and then continues.
 - `hiltest calibrate` asks an operator on standard error, and reads the answers from standard input.
-- `hiltest log` that Ctrl-C has ended prints its document, with exit code 2. What listens until Ctrl-C prints it too,
-  with the code of what it heard.
-- `hiltest report export` writes what another tool reads; with the option that is the key `content`.
-- `hiltest fit DIR`, the table of many logs, has none: ask for one log after the other.
+- After Ctrl-C `hiltest log` prints its document with exit code 2. Commands that listen until Ctrl-C print their
+  document with the exit code of the result.
+- `hiltest report export` writes the input of another tool, which is the key `content` with this option.
+- `hiltest fit DIR`, the table of many logs, has no JSON: fit each log separately.
 
 This page and the schemas are written by `python docs/documents.py`.
 

@@ -17,22 +17,21 @@ PAGE = Path(__file__).with_suffix(".md")
 HEAD = """\
 # Measurements
 
-Every kind of measurement that hiltest makes. In braces stands what a measurement is of: `heading.{calibrator}.max` is
-`heading.direct.max` for the calibrator `direct`. The page is written by `python docs/measurements.py` from
-[the catalogue](../src/hiltest/measurement/measurements.toml), which is the only place that states these facts, and
+This page lists every kind of measurement of hiltest. The subject of a measurement is in braces:
+`heading.{calibrator}.max` is `heading.direct.max` for the calibrator `direct`. `python docs/measurements.py` writes the
+page from [the catalogue](../src/hiltest/measurement/measurements.toml), the only source of these facts, and
 from the limits of [the default rig](../hil/rigs/virtual-k64f.toml).
 
-- **Better** says which way a change is an improvement: lower, higher, or nearer zero. Where it says nothing, a change
-  is neither.
-- **Limit** is the default rig's. A rig of your own states its own, for these names and for any other that your tests
-  measure: [rigs.md](rigs.md).
-- **Tolerance** is how far a measurement may move and still count as unchanged in a comparison: the larger of the two
-  where there are two. *Exact* means that any change counts.
-- **Deviation** is the standard deviation of a measurement over seeds of the default rig, for each subject: what noise
-  moves. On a real board, whose runs do not share their noise, it takes the place of the tolerance, until the bench has
-  said how much its own runs differ: [compare.md](compare.md#on-a-real-board).
-- Above each table stands **what to do** about a measurement out of its limit where the run shows no cause; where it
-  shows one, that names its own next step: [gate.md](gate.md#the-likely-cause).
+- **Better** is the direction of an improvement: lower, higher, or nearer zero. If it is empty, no direction is better.
+- **Limit** is that of the default rig. Your own rig states limits for these names and for any other measurement of your
+  tests: [rigs.md](rigs.md).
+- **Tolerance** is the largest change of a measurement that counts as unchanged in a comparison; if there are two, the
+  larger one counts. *Exact* means that any change counts.
+- **Deviation** is the standard deviation of a measurement over seeds of the default rig, for each subject, which is the
+  effect of noise. On a real board, whose runs have different noise, it replaces the tolerance, unless the deviation of
+  the bench itself is known: [compare.md](compare.md#on-a-real-board).
+- The text above each table is the **next step** for a measurement outside its limit, if the run shows no cause. A known
+  cause has its own next step: [gate.md](gate.md#the-likely-cause).
 """
 
 _BETTER = {Better.LOWER: "lower", Better.HIGHER: "higher", Better.NEARER_ZERO: "nearer zero", Better.NEITHER: ""}
@@ -59,11 +58,11 @@ def page() -> str:
 
 
 def _section(section: Section, kinds: list[Kind], limits: dict[str, Limit]) -> Iterator[str]:
-    yield from (f"## {section}", "", f"Out of its limit, with no known cause: {NEXT_STEP[section]}", "")
-    others = groupby(sorted((each for each in kinds if each.next_step), key=lambda kind: kind.next_step), _step)
+    yield from (f"## {section}", "", f"Next step for a measurement outside its limit: {NEXT_STEP[section]}", "")
+    others = groupby(sorted((kind for kind in kinds if kind.next_step), key=lambda kind: kind.next_step), _step)
     for step, members in others:
         yield f"- {', '.join(f'`{member.name}`' for member in members)}: {step}"
-    yield from [""] * any(each.next_step for each in kinds)
+    yield from [""] * any(kind.next_step for kind in kinds)
     yield "| measurement | unit | better | meaning | limit | tolerance | reason | deviation |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     for kind in kinds:

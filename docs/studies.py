@@ -20,6 +20,7 @@ from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Environment, Run
 from hiltest.run_record.run_json import to_json
 from hiltest.studies.study import Conditions, Plan, study_of
+from hiltest.studies.study_page import study_table
 from hiltest.studies.study_run import run_study
 
 FOLDER = Path(__file__).with_suffix("")
@@ -56,7 +57,8 @@ def small_run(plan: Plan) -> Run:
 def picture(run: Run) -> str:
     """Return the study's plot as an SVG file that stands alone: its caption, its key and its style are in it."""
     (name,) = {table.name.split(".")[1] for table in run.tables}
-    plan, figure = PLANS[name], study_of(name).draw(run)
+    plan, study = PLANS[name], study_of(name)
+    figure = study.draw(run, study_table(study, run))
     caption = f"{figure.title}: {plan.instances} instances" + (f" of {plan.points} points" if plan.points else "")
     key, lines = _key(figure)
     top = _MARGIN + _LINE * (1 + lines)

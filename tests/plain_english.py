@@ -91,8 +91,8 @@ def sentences(text: str) -> Iterator[str]:
 def count_all() -> list[Count]:
     """Return the counts over the package, its tests, the pages and their sources."""
     names = Count("names that are pronouns or participles", limit=0.001)
-    names_in_tests = Count("names in tests that are pronouns or participles", limit=0.0075)
-    functions = Count("functions that are named by a preposition", limit=0.009)
+    names_in_tests = Count("names in tests that are pronouns or participles", limit=0.0066)
+    functions = Count("functions that are named by a preposition", limit=0.001)
     word_what = Count("'what' among the words of pages and docstrings", limit=0.001)
     begun = Count("sentences that begin with Of, What, Where, Whether or None", limit=0.004)
 

@@ -132,7 +132,7 @@ def test_the_virtual_board_is_listened_to_by_its_own_clock(capsys: pytest.Captur
     assert int(summary.split()[1]) in (17, 18)
 
 
-def with_faults(tmp_path: Path, fault: str) -> str:
+def add_faults(tmp_path: Path, fault: str) -> str:
     """Return the rig's file with a fault of the line."""
     rig = tmp_path / "faults.toml"
     rig.write_text(f"{RIG.read_text(encoding='utf-8')}\n[faults]\n{fault}\n", encoding="utf-8")
@@ -143,7 +143,7 @@ def test_it_listens_through_the_faults_of_the_rig(
     line: Line, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sender = line.send(LINES)
-    lossy = with_faults(tmp_path, "lose = 1.0")
+    lossy = add_faults(tmp_path, "lose = 1.0")
     assert run("listen", "--rig", lossy, "--port", line.name, "--seconds", "2") == 1
     sender.join()
     said = capsys.readouterr()
@@ -153,7 +153,7 @@ def test_it_listens_through_the_faults_of_the_rig(
 
 @pytest.mark.slow
 def test_a_virtual_boards_line_has_the_faults_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    gone = with_faults(tmp_path, "disappear = { after_s = 1.0 }")
+    gone = add_faults(tmp_path, "disappear = { after_s = 1.0 }")
     assert run("listen", "--rig", gone, "--firmware", str(ELF), "--seconds", "5") == 20
     assert 5 < int(re.findall(r"^(\d+) understood", capsys.readouterr().out, re.M)[0]) < 10  # of ten a second
 

@@ -22,5 +22,5 @@ def test_a_package_gives_every_name_that_it_exports(package: str) -> None:
 
 
 def test_a_name_that_a_package_has_not_is_refused_by_name() -> None:
-    with pytest.raises(ImportError, match=r"cannot import name 'Runn' from 'hiltest\.run_record'"):
-        from hiltest.run_record import Runn  # type: ignore[attr-defined] # noqa: F401
+    with pytest.raises(ImportError, match=r"cannot import name 'Rigg' from 'hiltest\.rig'"):
+        from hiltest.rig import Rigg  # type: ignore[attr-defined] # noqa: F401

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.imu_calibration.conftest import some_calibration
 from tests.interfaces.test_packet_stream import RECORDING, WIRES
@@ -207,7 +208,12 @@ def _trace(data: bytes) -> None:
 
 
 def _gcode(data: bytes) -> None:
-    read_block(data.decode("ascii", errors="replace").upper(), Modals())
+    block = read_block(data.decode("ascii", errors="replace").upper(), Modals())
+    assert set(block.axes) <= set("XYZ")
+
+
+def _samples(path: Path) -> None:
+    assert np.isfinite(read_samples(path).points).all()
 
 
 def _words(data: bytes) -> None:
@@ -294,7 +300,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
             0.03,
         ),
         "JSON": Reader(parse_json, (ValueError,), [b'{"a": [1, 2.5e3, null, {"b": "c"}]}', intervals], 0.02),
-        "samples": Reader(read_samples, data, [points, *forms], 0.01, ".csv"),
+        "samples": Reader(_samples, data, [points, *forms], 0.01, ".csv"),
         "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv"),
         "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv"),
         "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pty
-import random
 import re
 import subprocess
 import sys
@@ -289,7 +288,7 @@ def test_what_needs_no_rig_or_is_no_firmware_is_refused_before_anything_is_copie
     (tmp_path / "app.elf").write_bytes(b"text" if machine == "text" else content)
     assert run("init", str(tmp_path / "bench"), "--firmware", str(tmp_path / "app.elf")) == 4
     said = capsys.readouterr().err
-    assert {"x86-64": "EM_X86_64", "text": "not a whole ELF"}.get(machine, "own protocol") in said
+    assert {"x86-64": "EM_X86_64", "text": "not a complete ELF"}.get(machine, "own protocol") in said
     assert not (tmp_path / "bench").exists()
 
 
@@ -301,27 +300,6 @@ def test_names_and_texts_that_would_break_the_file_do_not(
     proposed = propose(compass)
     assert proposed.rig.name == "mycompass"
     assert_all_paths_lead_to_their_quantity(proposed, compass)
-
-
-@pytest.mark.slow  # damaged in many places
-def test_damaged_files_are_refused_or_looked_at_as_far_as_they_go(
-    compass: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    whole, chance = compass.read_bytes(), random.Random(18)
-    for number in range(120):
-        content = bytearray(whole)
-        if number % 2:
-            del content[chance.randrange(len(whole)) :]
-        else:
-            for _ in range(number):
-                content[chance.randrange(len(whole))] = chance.randrange(256)
-        compass.write_bytes(content)
-        code = run("init", str(tmp_path / f"bench{number}"), "--firmware", str(compass))
-        assert "Traceback" not in capsys.readouterr().err
-        assert code in (0, 4)
-        if code == 0:
-            proposed = Proposed(tmp_path / f"bench{number}" / "hil" / "rigs" / f"bench{number}.toml", "")
-            assert proposed.rig.board.firmware is not None
 
 
 def test_types_within_types_without_end_do_not_hold_it_up(

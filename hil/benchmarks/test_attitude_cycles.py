@@ -1,4 +1,4 @@
-"""Accelerometer fits, tilt-compensated heading and the fusion filter's steps, over attitudes all round."""
+"""Cycles of accelerometer fits, tilt-compensated heading and steps of the fusion filter, over random attitudes."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from hiltest.virtual.profiling.image import ProfiledImage
 
 COUNTS_PER_G = 8192.0
 FIELD_UT, DIP_DEG = 48.5, 62.0
-# Of no preferred direction, those of firmware_stub/DESIGN.md: where an angle is a multiple of 90 degrees, arc tangents
-# return early, and such poses would show half of what a heading costs.
-ATTITUDES = [pose_of(normalised(drawn)) for drawn in np.random.default_rng(1).normal(size=(300, 4))]
-# Of the filter: rates, tilts and headings [rad^2/s, rad^2, rad^2], and the gate [g].
+# Random attitudes, as in firmware_stub/DESIGN.md. At multiples of 90 degrees arc tangents return early, and a heading
+# takes half of the usual cycles.
+ATTITUDES = [pose_of(normalised(quaternion)) for quaternion in np.random.default_rng(1).normal(size=(300, 4))]
+# Noise of rates, tilts and headings [rad^2/s, rad^2, rad^2] for the filter, and its gate [g].
 NOISE = np.array([math.radians(0.2) ** 2, math.radians(0.3) ** 2, math.radians(1.2) ** 2, 0.1], np.float32)
 RATE_RAD_S = np.array([0.1, -0.2, 0.5], np.float32)
 STEP_S = 0.005
@@ -60,63 +60,67 @@ def firmware(cycles: Cycles) -> ProfiledImage:
 
 
 def test_tilt_heading(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
-    headings = [call(firmware, "tilt_heading", *seen(pose), *angles()) for pose in ATTITUDES]
+    headings = [call(firmware, "tilt_heading", *body_vectors(pose), *angles()) for pose in ATTITUDES]
     benchmark_cycles("heading", headings)
 
 
 def test_fusion_prediction(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
-    model, steps = without_call(firmware, "predict", [(state(pose), NOISE, RATE_RAD_S, STEP_S) for pose in ATTITUDES])
+    model, steps = step_cycles(firmware, "predict", [(state(pose), NOISE, RATE_RAD_S, STEP_S) for pose in ATTITUDES])
     benchmark_cycles("fusion step", steps, cycle_model=model)
 
 
 def test_fusion_correction(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
-    # From a few degrees beside what is seen.
-    model, steps = without_call(firmware, "update", [(state(turned(pose)), NOISE, *seen(pose)) for pose in ATTITUDES])
+    # The state is a few degrees off the measured attitude.
+    inputs = [(state(nearby(pose)), NOISE, *body_vectors(pose)) for pose in ATTITUDES]
+    model, steps = step_cycles(firmware, "update", inputs)
     benchmark_cycles("fusion step", steps, cycle_model=model)
 
 
-def without_call(firmware: ProfiledImage, step: str, inputs: Sequence[Sequence[Argument]]) -> tuple[str, list[int]]:
-    """Return the cycle model, and what steps cost as the firmware counts them: without what an empty one costs."""
+def step_cycles(firmware: ProfiledImage, step: str, inputs: Sequence[Sequence[Argument]]) -> tuple[str, list[int]]:
+    """Return the cycle model, and the cycles of each step less those of an empty one, as the firmware counts them."""
     empty = call(firmware, f"empty_fusion_{step}", *inputs[0])
-    return empty.cycle_model, [call(firmware, f"fusion_{step}", *each).cycles - empty.cycles for each in inputs]
+    return empty.cycle_model, [
+        call(firmware, f"fusion_{step}", *arguments).cycles - empty.cycles for arguments in inputs
+    ]
 
 
 def call(firmware: ProfiledImage, function: str, *arguments: Argument) -> CallProfile:
-    """Call a function, and skip the test where the firmware has none of this name; all of ours return 0."""
+    """Call a function, check that it returns 0, and skip the test if the firmware has no function of this name."""
     try:
-        called = firmware.call(function, *arguments)
+        profile = firmware.call(function, *arguments)
     except ConfigError as error:
         if "no function" not in str(error):
             raise
         pytest.skip(str(error))
-    assert called.value == 0, f"{function} returns {called.value}"
-    return called
+    assert profile.value == 0, f"{function} returns {profile.value}"
+    return profile
 
 
-def seen(pose: Pose) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def body_vectors(pose: Pose) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return gravity [g] and the field [uT] in the body frame."""
     sine, cosine = sin_cos_deg(DIP_DEG)
     down, field = (0.0, 0.0, 1.0), (FIELD_UT * cosine, 0.0, FIELD_UT * sine)
-    gravity, body_field = (rotation_body_from_ned(pose) @ np.array(each) for each in (down, field))
+    gravity, body_field = (rotation_body_from_ned(pose) @ np.array(vector) for vector in (down, field))
     return gravity.astype(np.float32), body_field.astype(np.float32)
 
 
 def still_pose(pose: Pose, face: Face) -> StillPose:
-    """Return what a perfect board would have averaged there, from readings with some noise [counts]."""
-    gravity_g, field_ut = seen(pose)
+    """Return the averages of a perfect board at a pose, with the spread of noisy readings [counts]."""
+    gravity_g, field_ut = body_vectors(pose)
     magnetometer, accelerometer = (10.0 * field_ut).astype(np.float64), np.rint(COUNTS_PER_G * gravity_g)
     return StillPose(magnetometer, np.full(3, 4.0), accelerometer.astype(np.float64), np.full(3, 8.0), 16, face)
 
 
 def state(pose: Pose) -> NDArray[np.float32]:
-    """Return the filter's state at an attitude as good as a measured one: fusion_t."""
+    """Return the filter's state (fusion_t) at an attitude, with the variances of a measured one."""
     return np.array([*from_pose(pose), NOISE[1], NOISE[2]], np.float32)
 
 
-def turned(pose: Pose) -> Pose:
+def nearby(pose: Pose) -> Pose:
+    """Return a pose a few degrees away."""
     return Pose(pose.heading_deg + 5.0, pose.pitch_deg + 2.0, pose.roll_deg - 2.0)
 
 
 def angles() -> tuple[bytearray, bytearray, bytearray]:
-    """Return room for heading, pitch and roll."""
+    """Return output buffers for heading, pitch and roll."""
     return bytearray(4), bytearray(4), bytearray(4)

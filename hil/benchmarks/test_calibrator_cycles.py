@@ -1,4 +1,4 @@
-"""The calibrators on golden points, which are the same on every host and board."""
+"""Cycles of the calibrators on golden points, which are the same on every host and board."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ from hiltest.virtual.profiling.image import ProfiledImage
 
 pytestmark = pytest.mark.hil
 
-# Tables are made before the board says what it has; others that it has are named in a warning.
+# Tests are collected before the board reports its calibrators; a warning names those missing here.
 CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent")
 STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
-PAIRS = (300, 500)  # from the fewest that are fitted
-ROUNDS = 5  # as many point sets
+PAIRS = (300, 500)  # 300 is the fewest that the firmware fits
+ROUNDS = 5  # number of point sets
 
 
 @dataclass
 class Runs:
-    """Cycles of a calibrator for so many points of each point set, and its distance from float64 [deg]."""
+    """Cycles of a calibrator for each point set, and its distances from float64 [deg]."""
 
     costs: list[RunCost | None] = field(default_factory=list)
     distances_deg: list[float] = field(default_factory=list)
 
     def add(self, reply: CalibrateReply, name: str, points: NDArray[np.int16]) -> None:
-        """Add a run; golden points are even; others give larger differences from float64: firmware_stub/DESIGN.md."""
+        """Add a run. Other points than the golden ones give larger distances: firmware_stub/DESIGN.md."""
         fit = fit_of(reply)
         self.costs.append(reply.cost)
         if name in REFERENCES and fit.has_fit:
@@ -65,26 +65,28 @@ class Runs:
 
     @property
     def worst_deg(self) -> float | None:
-        """The farthest from float64, None of a calibrator of one's own, which has no reference."""
+        """Largest distance from float64; None for a calibrator without a reference."""
         return max(self.distances_deg, default=None)
 
     def show(self, kernel: str, benchmark_cycles: BenchmarkCycles, board: Board) -> None:
         """Show the cycles with the accuracy."""
-        benchmark_cycles(kernel, counted(self.costs), cycle_model=board.cycle_model, from_float64_deg=self.worst_deg)
+        benchmark_cycles(
+            kernel, counted_cycles(self.costs), cycle_model=board.cycle_model, from_float64_deg=self.worst_deg
+        )
 
 
 @pytest.fixture(scope="module")
 def runs(board: Board, request: pytest.FixtureRequest) -> dict[str, Runs]:
     """Runs of every calibrator."""
     size: int = request.param
-    found = {name: Runs() for name in board.identity.calibrators}
+    runs = {name: Runs() for name in board.identity.calibrators}
     for index in range(ROUNDS):
         points = golden_points(size, index=index)
         upload_points(board, points)
-        for name, each in found.items():
-            each.add(board.timed(Calibrate(size, name), name), name, points)
-    warn_of_others(board.identity.calibrators, CALIBRATORS, "CALIBRATORS")
-    return found
+        for name, calibrator_runs in runs.items():
+            calibrator_runs.add(board.timed(Calibrate(size, name), name), name, points)
+    warn_about_missing(board.identity.calibrators, CALIBRATORS, "CALIBRATORS")
+    return runs
 
 
 @pytest.mark.parametrize("runs", SIZES, indirect=True)
@@ -96,49 +98,49 @@ def test_calibrator(board: Board, runs: dict[str, Runs], calibrator: str, benchm
 
 
 def test_newton_step(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
-    """Cycles that the second step adds on the same points."""
+    """Cycles of the second step: two steps less one, on the same points."""
     if "corrected" not in board.identity.calibrators:
         pytest.skip("this firmware has no calibrator 'corrected'")
     steps = []
     for index in range(ROUNDS):
         upload_points(board, golden_points(100, index=index))
-        one, two = (board.timed(Calibrate(100, "corrected", iterations=each), "corrected").cost for each in (1, 2))
-        first, both = counted([one, two])
-        steps.append(both - first)
+        costs = [board.timed(Calibrate(100, "corrected", iterations=count), "corrected").cost for count in (1, 2)]
+        one, two = counted_cycles(costs)
+        steps.append(two - one)
     benchmark_cycles("step of corrected", steps, cycle_model=board.cycle_model)
 
 
 @pytest.mark.parametrize(("runs", "size"), [(100, 100), (300, 300)], indirect=["runs"])
 def test_accumulation(runs: dict[str, Runs], size: int, cycles: Cycles, benchmark_cycles: BenchmarkCycles) -> None:
-    """The sums of `direct-fast` alone, called on a virtual board of their own, with the accuracy of the whole fit."""
+    """The sums of `direct-fast` alone, called on another virtual board, with the accuracy of the whole fit."""
     if FAST not in runs:
         pytest.skip(f"this firmware has no calibrator {FAST!r}")
     counts, sums = np.ascontiguousarray(golden_points(size), "<i2"), bytearray(140)
     low, high = counts.min(axis=0), counts.max(axis=0)
     anchor = np.array((low.astype(int) + high) // 2, "<i4")
     points = Structure(Address(counts), np.array([size], "<u2"), low, high, np.zeros(1, "<u2"))
-    called = call(cycles(), "packed_moments_sum", points, anchor, sums)
+    profile = call(cycles(), "packed_moments_sum", points, anchor, sums)
     assert np.frombuffer(sums, "<f4")[0] == size
-    benchmark_cycles(f"sums of {FAST}", called, from_float64_deg=runs[FAST].worst_deg)
+    benchmark_cycles(f"sums of {FAST}", profile, from_float64_deg=runs[FAST].worst_deg)
 
 
 @pytest.mark.parametrize("pairs", PAIRS)
 def test_against_gravity(board: Board, pairs: int, benchmark_cycles: BenchmarkCycles) -> None:
-    store_accelerometer(board, NOMINAL, [UNCALIBRATED_SLOT])  # a suite before may have stored what it measured
+    store_accelerometer(board, NOMINAL, [UNCALIBRATED_SLOT])  # an earlier suite may have stored another calibration
     costs = []
     for index in range(2):
         upload_pairs(board, *golden_pairs(pairs, index=index))
         costs.append(board.session.request(FitDpi(pairs, UNCALIBRATED_SLOT)).cost)
-    benchmark_cycles(DPI, counted(costs), cycle_model=board.cycle_model)
+    benchmark_cycles(DPI, counted_cycles(costs), cycle_model=board.cycle_model)
 
 
 @pytest.fixture(scope="module")
 def streams(board: Board) -> dict[str, list[int]]:
-    """Cycles of every streaming calibrator for each new point."""
+    """Cycles of each streaming calibrator for each new point."""
     size = max(SIZES)
     upload_points(board, golden_points(size))
     runs = run_streams(board, size, stages=())
-    warn_of_others(board.identity.stream_calibrators, STREAMS, "STREAMS")
+    warn_about_missing(board.identity.stream_calibrators, STREAMS, "STREAMS")
     if any(run.cycles is None for run in runs.values()):
         pytest.skip("this core counts no cycles")
     return {name: run.cycles.tolist() for name, run in runs.items() if run.cycles is not None}
@@ -147,12 +149,12 @@ def streams(board: Board) -> dict[str, list[int]]:
 @pytest.mark.parametrize("stream", [*STREAMS, *(f"{name}-sliced" for name in STREAMS)])
 def test_new_point(board: Board, streams: dict[str, list[int]], stream: str, benchmark_cycles: BenchmarkCycles) -> None:
     if stream not in streams:
-        pytest.skip(f"this firmware has no stream calibrator {stream!r}, or it does the same unsliced")
+        pytest.skip(f"this firmware has no stream calibrator {stream!r}, or slicing does not change it")
     benchmark_cycles("new point of a stream", streams[stream], cycle_model=board.cycle_model)
 
 
 def test_exact_remove(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
-    """Cycles of `direct-stream` to remove a point without a trace."""
+    """Cycles of `direct-stream` for the exact removal of a point."""
     if "direct-stream" not in board.identity.stream_calibrators:
         pytest.skip("this firmware has no stream calibrator 'direct-stream'")
     upload_points(board, golden_points(MAX_FEED))
@@ -160,11 +162,11 @@ def test_exact_remove(board: Board, benchmark_cycles: BenchmarkCycles) -> None:
     board.session.request(StreamFeed("direct-stream", 0, MAX_FEED))
     removed = board.session.request(StreamRemove("direct-stream", 0, MAX_FEED // 2))
     assert removed.taken == MAX_FEED // 2
-    benchmark_cycles("exact remove", counted(list(removed.costs or [None])), cycle_model=board.cycle_model)
+    benchmark_cycles("exact remove", counted_cycles(list(removed.costs or [None])), cycle_model=board.cycle_model)
 
 
 def call(firmware: ProfiledImage, function: str, *arguments: Argument) -> CallProfile:
-    """Call a function, and skip the test where the firmware has none of this name."""
+    """Call a function, and skip the test if the firmware has no function of this name."""
     try:
         return firmware.call(function, *arguments)
     except ConfigError as error:
@@ -173,13 +175,14 @@ def call(firmware: ProfiledImage, function: str, *arguments: Argument) -> CallPr
         pytest.skip(str(error))
 
 
-def warn_of_others(there: Collection[str], listed: Collection[str], where: str) -> None:
-    for name in sorted(set(there) - set(listed)):
-        warnings.warn(f"{name} is in no table: put it into {where} of {Path(__file__).name}", stacklevel=2)
+def warn_about_missing(names: Collection[str], listed: Collection[str], table: str) -> None:
+    """Warn about names of the board that a table of this file does not list."""
+    for name in sorted(set(names) - set(listed)):
+        warnings.warn(f"{name} is in no table: add it to {table} in {Path(__file__).name}", stacklevel=2)
 
 
-def counted(costs: list[RunCost | None]) -> list[int]:
-    """Return the cycles, and skip the test where the core counts none."""
+def counted_cycles(costs: list[RunCost | None]) -> list[int]:
+    """Return the cycles, or skip the test if the core counts none."""
     if any(cost is None for cost in costs):
         pytest.skip("this core counts no cycles")
     return [cost.cycles for cost in costs if cost is not None]

@@ -1,4 +1,4 @@
-"""The main job, step by step: each suite takes what it needs from here, and each step is done once."""
+"""Shared steps of the main job as fixtures: each step runs once, and any suite can request its result."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ from hiltest.session.bench_session import SESSION
 from hiltest.session.settings import Settings, resolve
 from hiltest.world import EarthField
 
-# What a later suite's numbers rest on comes first; suites of your own come last. A test of any
-# suite that needs the known angles waits for the heading suite: rest comes before they are taken. What disturbs a
-# field has its time, right after the board is known.
+# A suite runs after the suites that its numbers depend on; suites of your own run last. Tests of any suite that use
+# the known angles run with the heading suite, because the board must rest before it is turned to them. The driving
+# suite runs second, because the disturbances begin at fixed times.
 ORDER = (
     "test_identity",
     "test_driving",
@@ -88,19 +88,19 @@ ORDER = (
     "test_attitudes",
 )
 
-# The suites of firmware that answers requests, and that of firmware that reports its heading by itself; the heading
-# suite is of both.
+# Suites for firmware that answers requests, and suites for firmware that reports its heading by itself. The heading
+# suite is for both.
 WITH_REQUESTS = frozenset(ORDER) - {"test_heading", "test_reports"}
 WITHOUT_REQUESTS = frozenset({"test_reports"})
-# Fixtures that need requests, by which the heading suite tells its tests apart.
+# Fixtures that send requests: tests that use them are skipped for firmware that reports by itself.
 REQUESTED = frozenset({"tumble", "calibrations"})
 
-# As few as calibrate a magnetometer by gravity too, of 16 readings each.
+# Fewest poses (of 16 readings each) that the calibration against gravity accepts as well.
 STILL_POSES = 40
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out suites that the interface to the firmware, the rig or the run has nothing for."""
+    """Ignore suites that do not apply to the firmware's interface, the rig or the run."""
     here = Path(__file__).parent
     if collection_path.parent == here and collection_path.stem in ORDER:
         with suppress(ConfigError):  # the session reports it
@@ -111,38 +111,38 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
         with suppress(ConfigError):
             world = config.stash[SESSION].rig.world
             return None if world is not None and world.disturbances else True
-    of_a_file = collection_path == here / "test_calibration_file.py"
-    return True if of_a_file and resolve(config).calibration is None else None
+    is_file_suite = collection_path == here / "test_calibration_file.py"
+    return True if is_file_suite and resolve(config).calibration is None else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put the suites of this folder in their order, and leave all other tests where they are."""
+    """Sort the suites of this folder, and keep the places of all other tests."""
     here = Path(__file__).parent
     with suppress(ConfigError):
         if not config.stash[SESSION].rig.answers_requests:
-            items[:] = [item for item in items if item.path.parent != here or not REQUESTED & fixtures_of(item)]
-    ours = [item for item in items if item.path.parent == here]
-    ours.sort(key=_place)
-    ordered = iter(ours)
+            items[:] = [item for item in items if item.path.parent != here or not REQUESTED & fixture_names(item)]
+    shipped_tests = [item for item in items if item.path.parent == here]
+    shipped_tests.sort(key=_position)
+    ordered = iter(shipped_tests)
     items[:] = [next(ordered) if item.path.parent == here else item for item in items]
 
 
-def fixtures_of(item: pytest.Item) -> frozenset[str]:
-    """Return the names of the fixtures that a test asks for, or one of its fixtures does."""
+def fixture_names(item: pytest.Item) -> frozenset[str]:
+    """Return the names of the fixtures that a test uses, directly or through other fixtures."""
     return frozenset(getattr(item, "fixturenames", ()))
 
 
-def _place(item: pytest.Item) -> int:
-    place = ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER)
-    waits = "known_angles" in fixtures_of(item)
-    return max(place, ORDER.index("test_heading")) if waits else place
+def _position(item: pytest.Item) -> int:
+    position = ORDER.index(item.path.stem) if item.path.stem in ORDER else len(ORDER)
+    needs_known_angles = "known_angles" in fixture_names(item)
+    return max(position, ORDER.index("test_heading")) if needs_known_angles else position
 
 
 @pytest.fixture(scope="session")
 def six_positions(
     board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
 ) -> AccelerometerRun | None:
-    """Accelerometer calibration from the six faces; None where the rig does not ask for it."""
+    """Accelerometer calibration from the six faces; None if the rig does not request it."""
     if rig.procedure.accelerometer_calibration == "none" or rig.faces is None:
         return None
     run = measure_six_positions(
@@ -160,7 +160,7 @@ def six_positions(
             field_ned_ut=EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
             mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         ),
-        journal=request.config.stash[SESSION].by_hand,
+        journal=request.config.stash[SESSION].hand_journal,
     )
     store_accelerometer(board, run.fit, [UNCALIBRATED_SLOT])
     return run
@@ -168,28 +168,28 @@ def six_positions(
 
 @pytest.fixture(scope="session")
 def accelerometer_fit(six_positions: AccelerometerRun | None) -> AccelerometerFit:
-    """Accelerometer calibration that headings are measured with; slot 0 holds it."""
+    """Accelerometer calibration for all headings; slot 0 holds it."""
     return NOMINAL if six_positions is None else six_positions.fit
 
 
 @pytest.fixture(scope="session")
 def still_poses(board: Board, turntable: Turntable, known_angles: KnownAngles, hil_progress: Progress) -> int:
-    """Poses all round in the board's buffer, none of them a known angle; the die's temperature after them [degC].
+    """Die temperature [degC] after still poses in all directions, none a known angle, were put into the board's buffer.
 
-    They come after all that the gate set takes too: what that measures is then the same in both sets.
+    They are taken after all steps of the gate set, so that the gate set's measurements are the same in both sets.
     """
     return collect_still_poses(board, turntable, spread_poses(STILL_POSES), progress=hil_progress)
 
 
 @pytest.fixture(scope="session")
 def ellipsoid(board: Board, still_poses: int) -> AccelerometerRun:
-    """Accelerometer calibration from gravity's ellipsoid over these poses."""
+    """Accelerometer calibration by the ellipsoid fit to the still poses."""
     return fit_poses(board, "ellipsoid", STILL_POSES, still_poses)
 
 
 @pytest.fixture(scope="session")
-def dpi_of_poses(board: Board, still_poses: int, rig: Rig) -> DpiRun | None:
-    """Calibration against gravity from the same poses; None where the rig does not ask for it."""
+def dpi_from_poses(board: Board, still_poses: int, rig: Rig) -> DpiRun | None:
+    """Calibration against gravity from the still poses; None if the rig does not request it."""
     if rig.procedure.dpi == "none":
         return None
     return fit_still_poses(board, STILL_POSES, dip_deg=rig.field.dip_deg)
@@ -197,7 +197,7 @@ def dpi_of_poses(board: Board, still_poses: int, rig: Rig) -> DpiRun | None:
 
 @pytest.fixture(scope="session")
 def turn_about_z(board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress) -> MeasuredTurn:
-    """One turn of the level board, between two rests; the first has stored the gyroscope's bias."""
+    """One turn of the level board between two rests; the first rest stores the gyroscope's bias."""
     return _turn(board, turntable, rig, Axis.Z, hil_progress)
 
 
@@ -222,7 +222,7 @@ def _turn(board: Board, turntable: Turntable, rig: Rig, axis: Axis, progress: Pr
 
 @pytest.fixture(scope="session")
 def gyroscope_calibration(board: Board, rig: Rig, gyroscope_turns: list[MeasuredTurn]) -> FittedTurns:
-    """Calibration from these turns, which the board stores for its gyroscope."""
+    """Gyroscope calibration that the board fits to the turns and stores."""
     return fit_on_board(board, gyroscope_turns, uncertainty_deg=rig.turntable.uncertainty_deg)
 
 
@@ -230,15 +230,15 @@ def gyroscope_calibration(board: Board, rig: Rig, gyroscope_turns: list[Measured
 def tumble(
     board: Board, turntable: Turntable, rig: Rig, hil_progress: Progress, request: pytest.FixtureRequest
 ) -> Tumble:
-    """Magnetometer points that the board collected while it was turned all round."""
-    by_hand = request.config.stash[SESSION].by_hand
+    """Magnetometer points that the board collected while it was turned in all directions."""
+    by_hand = request.config.stash[SESSION].hand_journal
     collect = partial(collect_tumble, board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
     return by_hand.tumble(board, collect) if by_hand else collect()
 
 
 @pytest.fixture(scope="session")
-def judged(board: Board, hil_settings: Settings) -> list[str]:
-    """Calibrators that are measured: in the gate set those that are there to be used."""
+def tested_calibrators(board: Board, hil_settings: Settings) -> list[str]:
+    """Names of the calibrators to measure; the gate set leaves out those that exist for comparison only."""
     for_comparison = FOR_COMPARISON if hil_settings.suite == "gate" else frozenset[str]()
     return [calibrator for calibrator in board.identity.calibrators if calibrator not in for_comparison]
 
@@ -246,17 +246,17 @@ def judged(board: Board, hil_settings: Settings) -> list[str]:
 @pytest.fixture(scope="session")
 def calibrations(
     board: Board,
-    judged: list[str],
+    tested_calibrators: list[str],
     accelerometer_fit: AccelerometerFit,
     tumble: Tumble,
     rig: Rig,
     hil_progress: Progress,
 ) -> dict[str, CalibratorRun]:
-    """Calibrations of every calibrator from the same first points, and the rig's further ones."""
+    """Result of each calibrator on the first points of the tumble, and the rig's further calibrations."""
     runs = run_calibrators(
         board,
         tumble,
-        calibrators=[*judged, *rig.procedure.further_calibrations],
+        calibrators=[*tested_calibrators, *rig.procedure.further_calibrations],
         n=rig.procedure.calibration_points,
         progress=hil_progress,
     )
@@ -266,7 +266,7 @@ def calibrations(
 
 @pytest.fixture(scope="session")
 def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
-    """Calibration against gravity from the pairs of the tumble; None where the rig does not ask for it."""
+    """Calibration against gravity from the pairs of the tumble; None if the rig does not request it."""
     if rig.procedure.dpi == "none":
         return None
     return fit_tumble(board, tumble, slot=1 + len(calibrations), dip_deg=rig.field.dip_deg)
@@ -276,14 +276,14 @@ def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], ri
 def streams(
     board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None, hil_progress: Progress
 ) -> dict[str, StreamRun]:
-    """Results of the streaming calibrators over every point of the tumble, in the order of time."""
+    """Results of the streaming calibrators on all points of the tumble, in the order of their times."""
     with held_as_taken(board, tumble):
         return run_streams(board, len(tumble.points), progress=hil_progress)
 
 
 @pytest.fixture(scope="session")
 def known_angles(board: Board, request: pytest.FixtureRequest) -> KnownAngles:
-    """Headings at known angles, as the firmware's interface offers them, after its calibration."""
+    """Headings at known angles after calibration, requested or reported."""
     fixture = "requested_angles" if board.answers_requests else "reported_angles"
     angles: KnownAngles = request.getfixturevalue(fixture)
     return angles
@@ -291,7 +291,7 @@ def known_angles(board: Board, request: pytest.FixtureRequest) -> KnownAngles:
 
 @pytest.fixture(scope="session")
 def uncalibrated_angles(board: Board, request: pytest.FixtureRequest) -> tuple[KnownAngles, str]:
-    """Headings at known angles without calibration, and their source."""
+    """Headings at known angles before calibration, and the name of their source."""
     if board.answers_requests:
         return request.getfixturevalue("known_angles"), UNCALIBRATED
     return request.getfixturevalue("angles_before_calibration"), FIRMWARE
@@ -311,7 +311,7 @@ def requested_angles(
     hil_progress: Progress,
     request: pytest.FixtureRequest,
 ) -> RequestedAngles:
-    """The headings that the board answered at known angles, under every calibration."""
+    """Headings that the board answers at known angles with each calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
     if dpi is not None and dpi.run.usable:
@@ -322,19 +322,19 @@ def requested_angles(
         {name: run for name, run in calibrations.items() if name in rig.procedure.untrimmed_calibrations},
         first_slot=1 + max(slots.values()),
     )
-    if hil_calibration is not None:  # a file brings its own of the accelerometer
+    if hil_calibration is not None:  # the file has its own accelerometer calibration
         slots |= store_calibration(board, hil_calibration, slot=1 + max(slots.values()))
-    of_streams = store_streams(board, streams, first_slot=1 + max(slots.values()))  # the others are the rig's wish
-    store_accelerometer(board, accelerometer_fit, list(of_streams.values()))
+    stream_slots = store_streams(board, streams, first_slot=1 + max(slots.values()))
+    store_accelerometer(board, accelerometer_fit, list(stream_slots.values()))
     return measure_known_angles(
         board,
         turntable,
         poses=rig.procedure.known_angle_poses(hil_settings.poses),
-        slots=slots | of_streams,
+        slots=slots | stream_slots,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose,
         progress=hil_progress,
-        journal=request.config.stash[SESSION].by_hand,
+        journal=request.config.stash[SESSION].hand_journal,
     )
 
 
@@ -342,7 +342,7 @@ def requested_angles(
 def angles_before_calibration(
     board: Board, turntable: Turntable, rig: Rig, hil_settings: Settings, hil_progress: Progress
 ) -> ReportedAngles:
-    """Reported headings before the firmware has seen the board turned all round: not waited for long."""
+    """Headings that the firmware reports before its calibration; each pose waits for two windows at most."""
     poses = rig.procedure.known_angle_poses(hil_settings.poses)
     longest_s = 2.0 * board.output.device.window_s
     return measure_reported_angles(board, turntable, poses, longest_s=longest_s, progress=hil_progress)
@@ -352,7 +352,7 @@ def angles_before_calibration(
 def self_calibration(
     angles_before_calibration: ReportedAngles, board: Board, turntable: Turntable, hil_progress: Progress
 ) -> SelfCalibration:
-    """The board turned all round, until the firmware has calibrated itself."""
+    """Turns the board in all directions until the firmware has calibrated itself."""
     return tumble_until_calibrated(board, turntable, progress=hil_progress)
 
 
@@ -365,13 +365,13 @@ def reported_angles(
     hil_settings: Settings,
     hil_progress: Progress,
 ) -> ReportedAngles:
-    """Reported headings at known angles afterwards."""
+    """Headings that the firmware reports at known angles after its calibration."""
     poses = rig.procedure.known_angle_poses(hil_settings.poses)
     return measure_reported_angles(board, turntable, poses, progress=hil_progress)
 
 
 @pytest.fixture(scope="session")
-def our_board() -> Iterator[Board]:
-    """hiltest's own firmware on a virtual board beside: its calibrators get the samples of the firmware under test."""
+def reference_board() -> Iterator[Board]:
+    """Virtual board with hiltest's own firmware, whose calibrators get the samples of the firmware under test."""
     with open_board(load_rig(shipped() / "rigs" / DEFAULT_RIG)) as board:
         yield board

@@ -1,4 +1,4 @@
-"""Accelerometer: a wrong one spoils every heading, whatever the magnetometer does."""
+"""Accelerometer: its errors tilt the horizon of every heading, however good the magnetometer is."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_six_faces_are_fitted(board: Board, six_positions: AccelerometerRun | No
 
 
 def test_gravity_at_the_known_angles(known_angles: RequestedAngles, measure: Measure) -> None:
-    # Every calibration of the magnetometer is measured with the same one of the accelerometer.
+    # All magnetometer calibrations use the same accelerometer calibration, so one source is enough.
     measure("accelerometer.norm_rms", known_angles.accelerometer_norm_rms_mg(UNCALIBRATED), "mg")
     measure("accelerometer.tilt_error", known_angles.max_tilt_error_deg(UNCALIBRATED), "deg")
     measure("accelerometer.untrimmed_norm_rms", known_angles.norm_rms_mg(NOMINAL), "mg")

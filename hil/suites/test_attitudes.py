@@ -1,4 +1,4 @@
-"""Attitudes under calibrations that turn the board over, stretch what it senses or leave nothing of it; it rests."""
+"""Attitudes of a resting board with calibrations that rotate its readings, scale them to extremes or zero them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ pytestmark = [pytest.mark.hil, pytest.mark.full]
 Reals = NDArray[np.float64]
 
 SOFT_IRON = np.eye(3) / 500.0
-# Seen so, a level board lies on each of its sides, on its back, or somewhere between.
-TURNED = [
+# Rotations of the readings: the level board seems to lie on a side, on its back, or in between.
+ROTATIONS = [
     Pose(*angles)
     for angles in (
         (0.0, 0.0, 0.0),
@@ -40,11 +40,11 @@ TURNED = [
         (250.0, -70.0, -100.0),
     )
 ]
-# All of gravity, or of the field, on the x axis: exactly straight up or down, and parallel.
+# Projects gravity or the field onto the x axis: exactly vertical, or exactly parallel to each other.
 ON_X = np.outer([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
 GRAVITY, FIELD = NOMINAL.gain, SOFT_IRON
-# The largest and the smallest that float32 has room for, and beyond.
-STRETCHED = {
+# Near the largest and the smallest magnitude that float32 can represent.
+SCALED = {
     "gravity straight down": (ON_X @ GRAVITY, FIELD),
     "gravity straight up": (-ON_X @ GRAVITY, FIELD),
     "huge gravity": (2.2e34 * np.eye(3), FIELD),
@@ -52,7 +52,8 @@ STRETCHED = {
     "huge field": (GRAVITY, 1e34 * np.eye(3)),
     "tiny field": (GRAVITY, 1e-36 * np.eye(3)),
 }
-NOWHERE = {
+# Calibrations without an attitude; the last two overflow float32.
+DEGENERATE = {
     "no gravity": (0.0 * GRAVITY, FIELD),
     "no field": (GRAVITY, 0.0 * FIELD),
     "gravity along the field": (ON_X @ GRAVITY, ON_X @ FIELD),
@@ -63,7 +64,7 @@ NOWHERE = {
 
 @pytest.fixture
 def slot(board: Board, turntable: Turntable) -> Iterator[int]:
-    """The last slot, for calibrations of a resting board; the gyroscope's is put back."""
+    """The last slot, for calibrations of a resting board; the gyroscope's calibration is restored at the end."""
     turntable.rest()
     gyroscope = board.session.request(GetGyroscope())
     yield board.identity.slots - 1
@@ -77,27 +78,27 @@ def calibrate(board: Board, slot: int, gain: Reals, soft_iron: Reals) -> None:
 
 
 def test_headings_are_those_of_float64_whatever_the_calibration(board: Board, slot: int) -> None:
-    turned = {str(each): rotation_body_from_ned(each) for each in TURNED}
-    every = {name: (turn @ GRAVITY, turn @ FIELD) for name, turn in turned.items()} | STRETCHED | NOWHERE
-    for name, (gain, soft_iron) in every.items():
+    rotations = {str(pose): rotation_body_from_ned(pose) for pose in ROTATIONS}
+    rotated = {name: (rotation @ GRAVITY, rotation @ FIELD) for name, rotation in rotations.items()}
+    for name, (gain, soft_iron) in (rotated | SCALED | DEGENERATE).items():
         calibrate(board, slot, gain, soft_iron)
         reply = board.session.request(Average(1, 1 << slot))
-        found = reply.headings[slot]
+        answer = reply.headings[slot]
         with np.errstate(over="ignore"):
-            seen = [
+            vectors = [
                 (matrix @ mean).astype(np.float32)
                 for matrix, mean in ((gain, reply.accelerometer.mean), (soft_iron, reply.magnetometer.mean))
             ]
         try:
-            wanted = tilt_heading(*seen)
+            reference = tilt_heading(*vectors)
         except DegenerateFieldError:
-            assert found.status is Status.DEGENERATE_FIELD, f"{name}: {found.attitude}"
+            assert answer.status is Status.DEGENERATE_FIELD, f"{name}: {answer.attitude}"
             continue
-        assert name not in NOWHERE
-        assert found.status is Status.OK, f"{name}: {found.status.name}"
-        assert found.attitude is not None
-        off = np.abs(rotation_body_from_ned(found.attitude) - rotation_body_from_ned(wanted)).max()
-        assert off < 1e-4, f"{name}: {found.attitude} where float64 has {wanted}"  # float32: 2e-6
+        assert name not in DEGENERATE
+        assert answer.status is Status.OK, f"{name}: {answer.status.name}"
+        assert answer.attitude is not None
+        difference = np.abs(rotation_body_from_ned(answer.attitude) - rotation_body_from_ned(reference)).max()
+        assert difference < 1e-4, f"{name}: {answer.attitude}, but float64 gives {reference}"  # float32: 2e-6
 
 
 def start(slot: int, *, gate_g: float = 0.5) -> FusionStart:
@@ -105,7 +106,7 @@ def start(slot: int, *, gate_g: float = 0.5) -> FusionStart:
 
 
 def run(board: Board, seconds: float = 0.06) -> tuple[FusionSummary, FusionRecords]:
-    """Run the filter for a moment, and return what it kept."""
+    """Run the filter, and return its summary and its records."""
     summary = board.session.request(FusionRun(round(1e6 * seconds)))
     return summary, board.session.request(FusionRead(0))
 
@@ -117,27 +118,29 @@ def test_fusion_begins_and_stays_in_any_attitude(board: Board, slot: int, rig: R
     noise_deg = np.degrees(10.0 * rig.sensors.magnetometer_noise_ut / level_counts)
     calibrate(board, slot, GRAVITY, FIELD)
     level = rotation_ned_from_body(board.session.request(start(slot)))
-    for each in TURNED:
-        turn = rotation_body_from_ned(each)
-        calibrate(board, slot, turn @ GRAVITY, turn @ FIELD)
+    for pose in ROTATIONS:
+        rotation = rotation_body_from_ned(pose)
+        calibrate(board, slot, rotation @ GRAVITY, rotation @ FIELD)
         first = board.session.request(start(slot))
         summary, records = run(board)
-        wanted = from_ned_axes(level @ turn.T)
-        # Two degrees are the accelerometer's noise and what a gyroscope of 25 deg/s of bias turns by meanwhile.
+        reference = from_ned_axes(level @ rotation.T)
+        # Two degrees cover the accelerometer's noise and the drift of a gyroscope with a bias of 25 deg/s.
         for name, attitudes, readings in (
             ("first", first, 16),
             ("fused", records.fused, 16),
             ("turned", records.turned, 16),
             ("measured", records.measured, 1),
         ):
-            off_deg = 2.0 * np.degrees(np.arccos(np.clip(np.abs(attitudes @ wanted), 0.0, 1.0))).max()
+            error_deg = 2.0 * np.degrees(np.arccos(np.clip(np.abs(attitudes @ reference), 0.0, 1.0))).max()
             limit_deg = 2.0 + 6.0 * noise_deg * np.sqrt(1.0 / readings + 1.0 / 16.0)
-            assert off_deg < limit_deg, f"{each}: the {name} attitude is {off_deg:.1f} degrees off the board's"
+            assert error_deg < limit_deg, (
+                f"{pose}: the {name} attitude differs from the board's by {error_deg:.1f} degrees"
+            )
         assert summary.no_attitude == summary.accelerated == summary.bad_steps == 0
 
 
 @pytest.mark.parametrize(
-    "what",
+    "condition",
     [
         "no gravity",
         "no field",
@@ -147,15 +150,15 @@ def test_fusion_begins_and_stays_in_any_attitude(board: Board, slot: int, rig: R
         "acceleration",
     ],
 )
-def test_fusion_leaves_out_what_is_no_attitude(board: Board, slot: int, what: str) -> None:
-    more = {
+def test_fusion_leaves_out_what_is_no_attitude(board: Board, slot: int, condition: str) -> None:
+    calibrations = DEGENERATE | {
         "gravity of a million g": (1e8 * GRAVITY, FIELD),
         "a field too large": (GRAVITY, 1e8 * FIELD),
         "acceleration": (2.0 * GRAVITY, FIELD),
     }
-    gain, soft_iron = (NOWHERE | more)[what]
+    gain, soft_iron = calibrations[condition]
     calibrate(board, slot, gain, soft_iron)
-    if what != "acceleration":  # a start looks for the direction alone
+    if condition != "acceleration":  # a start uses the direction of gravity only
         with pytest.raises(DeviceError) as refused:
             board.session.request(start(slot))
         assert refused.value.status == Status.DEGENERATE_FIELD.name
@@ -164,10 +167,10 @@ def test_fusion_leaves_out_what_is_no_attitude(board: Board, slot: int, what: st
     calibrate(board, slot, gain, soft_iron)
     summary, records = run(board)
     left_out = (summary.no_attitude, summary.accelerated)
-    assert left_out == ((0, summary.updated.steps) if what == "acceleration" else (summary.updated.steps, 0))
-    assert np.isnan(records.measured).all() == (what != "acceleration")
-    # 25 deg/s of the gyroscope's bias turn it by 1.5 degrees.
-    assert np.abs(records.fused @ first).min() > np.cos(np.radians(1.0)), "nothing was measured, and the attitude moves"
+    assert left_out == ((0, summary.updated.steps) if condition == "acceleration" else (summary.updated.steps, 0))
+    assert np.isnan(records.measured).all() == (condition != "acceleration")
+    # A gyroscope bias of 25 deg/s turns the attitude by 1.5 degrees.
+    assert np.abs(records.fused @ first).min() > np.cos(np.radians(1.0)), "the attitude moves without a measurement"
 
 
 @pytest.mark.parametrize("rate_dps", [100.0, 8_000.0, -30_000.0, 40_000.0])
@@ -181,8 +184,8 @@ def test_fusion_turns_by_the_rate_that_the_calibration_says(board: Board, slot: 
         return
     assert summary.bad_steps == 0
     seconds = 1e-6 * np.diff(records.time_us)
-    along = (records.turned[:-1] * records.turned[1:]).sum(axis=1)
-    # Of half the angle; either sign of a quaternion is the same attitude. The resting gyroscope drifts and is noisy.
-    wanted = np.cos(np.radians(0.5 * rate_dps * seconds))
-    off_deg = np.degrees(np.abs(np.arccos(np.clip(np.abs(along), 0, 1)) - np.arccos(np.abs(wanted)))).max()
-    assert off_deg < 0.5, f"turned by another angle than {rate_dps} deg/s make: {off_deg:.2f} degrees off"
+    cosines = (records.turned[:-1] * records.turned[1:]).sum(axis=1)
+    # Cosines of half the angle; q and -q are the same attitude. The limit covers the gyroscope's drift and noise.
+    expected = np.cos(np.radians(0.5 * rate_dps * seconds))
+    error_deg = np.degrees(np.abs(np.arccos(np.clip(np.abs(cosines), 0, 1)) - np.arccos(np.abs(expected)))).max()
+    assert error_deg < 0.5, f"at {rate_dps} deg/s the turned angle is wrong by {error_deg:.2f} degrees"

@@ -1,4 +1,4 @@
-"""Heading error against cycle budget: every calibrator with more and more effort, on the same points."""
+"""Heading error over cycle budget: each calibrator with increasing effort, on the same points."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from hiltest.session.fixtures import Measure
 
 pytestmark = [pytest.mark.hil, pytest.mark.full]
 
-# The sizes that the thesis compares calibrators at. All of the tumble comes beside them: a streaming calibrator
-# may want more points before it calibrates at all.
+# Numbers of points in the thesis' comparison. The whole tumble is added, because a streaming calibrator may need more
+# points before its first calibration.
 SIZES = (30, 100)
 
 
 def thesis_cycles(points: int) -> int:
-    """Return what the thesis says that its own calibrator takes."""
+    """Return the cycles of the thesis' own calibrator."""
     return 168 * points + 2600
 
 
@@ -56,16 +56,16 @@ def efforts(
     calibrators: tuple[str, ...],
     hil_progress: Progress,
 ) -> list[Effort]:
-    """All curves. The hundred points are the tumble's first, in an order that mixes them well; then come the others."""
-    first, others = np.split(tumble.points, [max(SIZES)])
-    upload_points(board, np.concatenate([each[evenly_spread(len(each))] for each in (first, others)]))
+    """All curves. The tumble's first hundred points precede the others; within each part points are evenly spread."""
+    parts = np.split(tumble.points, [max(SIZES)])
+    upload_points(board, np.concatenate([part[evenly_spread(len(part))] for part in parts]))
     work = [(size, name) for size in sizes for name in calibrators]
-    found = []
+    curves = []
     for done, (size, name) in enumerate(work):
         hil_progress("effort curves", done, len(work))
-        found += effort_curve(board, name, points=size)
+        curves += effort_curve(board, name, points=size)
     hil_progress("effort curves", len(work), len(work))
-    return found
+    return curves
 
 
 def test_error_against_budget(efforts: list[Effort], known_angles: RequestedAngles, measure: Measure) -> None:
@@ -103,13 +103,13 @@ def test_error_within_the_budget_of_the_thesis(
             try:
                 best = largest_effort_within(board, name, cycles=thesis_cycles(size), points=size)
             except CalibrationError:
-                best = None  # even its smallest effort costs more
+                best = None  # its smallest effort exceeds the budget
             mean_deg = None if best is None else mean_and_max_deg(known_angles, best)[0]
             measure(f"budget.{name}@{size}.effort", best and best.effort, unit[name])
             measure(f"budget.{name}@{size}.mean_error", mean_deg, "deg")
 
 
 def mean_and_max_deg(known_angles: RequestedAngles, effort: Effort) -> tuple[float | None, float | None]:
-    """By the host, in float64, from the means that the board took: there are more efforts than slots."""
+    """Return errors that the host computes in float64 from the board's means: there are more efforts than slots."""
     errors = heading_errors_deg(known_angles, effort.fit, known_angles.accelerometer_fits[UNCALIBRATED])
     return (None, None) if errors is None else (float(np.abs(errors).mean()), float(np.abs(errors).max()))

@@ -1,4 +1,4 @@
-"""Test a calibration file on this board; its headings are measured in the heading suite, with the others."""
+"""Test of a calibration file on this board; the heading suite measures its headings."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 
-# Where the rig limits neither these nor the same without a file. An error of the field of 3.5 % of its strength
-# is 2 degrees where it lies across, the goal for a heading; a tilt error of 0.5 degree is 1 degree at a dip of 62; a
-# bias of 0.1 deg/s turns the gyroscope's heading by as much as that limit in 20 s.
+# Defaults for measurements without a limit in the rig. A field error of 3.5 % perpendicular to the field is 2 degrees,
+# the goal for a heading; a tilt error of 0.5 degree turns a heading by 1 degree at a dip of 62; a bias of 0.1 deg/s
+# turns the gyroscope's heading by 2 degrees in 20 s.
 FIELD = Limit(max=3.5)
 GRAVITY = Limit(max=10.0)
 TILT = Limit(max=0.5)
 RATE = Limit(max=0.1)
-TURN_DEG = 0.36  # 0.1 % of it
+TURN_DEG = 0.36  # 0.1 % of a full turn
 
 
 def test_rate_at_rest_under_the_file(
@@ -41,28 +41,33 @@ def test_rate_at_rest_under_the_file(
 def test_turn_under_the_file(
     turn_about_z: MeasuredTurn, rig: Rig, hil_calibration: ImuCalibration, measure: Measure
 ) -> None:
-    judge_turns("turn_error", [turn_about_z], rig, hil_calibration, measure)
+    measure_turn_errors("turn_error", [turn_about_z], rig, hil_calibration, measure)
 
 
-# One turn about z does not distinguish x from y.
+# One turn about z does not show errors of x and y.
 @pytest.mark.full
 def test_every_turn_under_the_file(
     gyroscope_turns: list[MeasuredTurn], rig: Rig, hil_calibration: ImuCalibration, measure: Measure
 ) -> None:
-    judge_turns("largest_turn_error", gyroscope_turns, rig, hil_calibration, measure)
+    measure_turn_errors("largest_turn_error", gyroscope_turns, rig, hil_calibration, measure)
 
 
-def judge_turns(
+def measure_turn_errors(
     name: str, turns: Sequence[MeasuredTurn], rig: Rig, calibration: ImuCalibration, measure: Measure
 ) -> None:
     part = calibration.gyroscope
     if part is None:
         pytest.skip("the file calibrates no gyroscope")
-    # The table's own angle enters at both ends. A file that knows the bias alone has the data sheet's sensitivity.
+    # The table's uncertainty counts at both ends of a turn. A file with a bias only keeps the data sheet's sensitivity.
     table = Limit(max=TURN_DEG + 2.0 * rig.turntable.uncertainty_deg)
     limit = (measure.limit("gyroscope.turn_error") or table) if part.method != "rest" else None
-    off_deg = [np.array(part.matrix) @ turn.turn.integral - turn.turn.turned_deg for turn in turns]
-    measure(f"gyroscope.{NAME}.{name}", max(float(np.linalg.norm(each)) for each in off_deg), "deg", limit=limit)
+    errors_deg = [np.array(part.matrix) @ turn.turn.integral - turn.turn.turned_deg for turn in turns]
+    measure(
+        f"gyroscope.{NAME}.{name}",
+        max(float(np.linalg.norm(error_deg)) for error_deg in errors_deg),
+        "deg",
+        limit=limit,
+    )
 
 
 def test_gravity_under_the_file(known_angles: RequestedAngles, measure: Measure) -> None:

@@ -1,4 +1,4 @@
-"""Commands: what the firmware keeps, forgets and refuses. Points and one slot of the board are replaced."""
+"""Commands: stored, cleared and refused data. These tests replace the board's points and one slot."""
 
 from __future__ import annotations
 
@@ -53,15 +53,16 @@ pytestmark = pytest.mark.hil
 POINTS = [(100, -20, 30), (-40, 500, 60), (70, 80, -900)]
 FIRST = (np.diag([1.0, 2.0, 3.0]) + 0.25, [10.0, -20.0, 30.0])
 SECOND = (np.diag([3.0, 1.0, 2.0]) - 0.125, [-5.0, 15.0, 40.0])
-# An ellipsoid three times as long as it is thin.
+# Soft iron whose longest axis is three times the shortest.
 STRONG = np.array([[1.5, 0.3, -0.2], [0.3, 0.9, 0.25], [-0.2, 0.25, 0.6]])
-# Of the field: over eight such sets 5e-6 at most, and with the 16-bit sums of direct-fast 0.002.
+# Largest difference from float64, as a part of the field. On eight such sets it was 5e-6 at most, and 0.002 with the
+# 16-bit sums of direct-fast.
 FLOAT32 = {"direct-fast": 0.01}
-# Flattens samples to a hundredth of their width, across (1, 1, 1).
+# Compresses samples to a hundredth along (1, 1, 1).
 TILTED_PLANE = np.eye(3) - 0.99 * np.full((3, 3), 1.0 / 3.0)
 STREAMED = 120
 SPREAD = [4.0, 4.0, 4.0]
-# Counts of 1 g about each axis, not symmetric, and an offset.
+# Counts of 1 g along each axis, not symmetric, and an offset.
 RESPONSE = COUNTS_PER_G * np.array([[1.02, 0.04, -0.05], [-0.03, 0.97, 0.06], [0.05, -0.02, 1.01]])
 OFFSET = np.array([160.0, -240.0, 80.0])
 
@@ -71,9 +72,16 @@ def test_a_slot_answers_by_the_calibration_it_was_given_last(board: Board) -> No
     for soft_iron, hard_iron in (FIRST, SECOND):
         board.session.request(SetCalibration(slot, soft_iron, hard_iron))
         board.session.request(SetAccelerometer(slot, soft_iron / COUNTS_PER_G, hard_iron))
-        kept, accelerometer = board.session.request(GetCalibration(slot)), board.session.request(GetAccelerometer(slot))
-        assert np.array_equal(kept.soft_iron, soft_iron), f"soft iron {kept.soft_iron} after {soft_iron} was sent"
-        assert np.array_equal(kept.hard_iron, hard_iron), f"hard iron {kept.hard_iron} after {hard_iron} was sent"
+        magnetometer, accelerometer = (
+            board.session.request(GetCalibration(slot)),
+            board.session.request(GetAccelerometer(slot)),
+        )
+        assert np.array_equal(magnetometer.soft_iron, soft_iron), (
+            f"soft iron {magnetometer.soft_iron} after {soft_iron} was sent"
+        )
+        assert np.array_equal(magnetometer.hard_iron, hard_iron), (
+            f"hard iron {magnetometer.hard_iron} after {hard_iron} was sent"
+        )
         assert np.array_equal(accelerometer.gain, soft_iron / COUNTS_PER_G)
         assert np.array_equal(accelerometer.offset, hard_iron)
 
@@ -93,10 +101,10 @@ def test_a_cleared_slot_answers_none(board: Board, turntable: Turntable) -> None
     assert np.array_equal(accelerometer.gain, NOMINAL.gain), "an empty slot has another scale than the data sheet's"
 
 
-def requests_in_order(board: Board) -> list[Request[Any]]:
-    """Return a request of each kind whose fields a board has to check."""
+def valid_requests(board: Board) -> list[Request[Any]]:
+    """Return one valid request of each kind with fields that a board has to check."""
     calibrator, pose = board.identity.calibrators[0], faces(board)[0]
-    found: list[Request[Any]] = [
+    requests: list[Request[Any]] = [
         Select(0),
         Read(0, 1),
         Collect(1),
@@ -124,14 +132,14 @@ def requests_in_order(board: Board) -> list[Request[Any]]:
         FusionRead(0, 1),
     ]
     for stream in board.identity.stream_calibrators[:1]:
-        found += [StreamReset(stream), StreamFeed(stream, 0, 1), StreamRemove(stream, 0, 1), StreamState(stream)]
-    return found
+        requests += [StreamReset(stream), StreamFeed(stream, 0, 1), StreamRemove(stream, 0, 1), StreamState(stream)]
+    return requests
 
 
-def requests_too_much(board: Board) -> list[tuple[Request[Any], Status]]:
-    """Return requests in order that ask for what there is not, and what each is refused with."""
+def refused_requests(board: Board) -> list[tuple[Request[Any], Status]]:
+    """Return well-formed requests for objects that do not exist, each with the status that refuses it."""
     slots, calibrator, beyond = board.identity.slots, board.identity.calibrators[0], len(POINTS) + 1
-    found: list[tuple[Request[Any], Status]] = [
+    cases: list[tuple[Request[Any], Status]] = [
         (Select(99), Status.NO_SUCH_SENSOR),
         (Read(99, 1), Status.NO_SUCH_SENSOR),
         (Upload(beyond, POINTS), Status.BAD_ARGUMENT),
@@ -149,13 +157,13 @@ def requests_too_much(board: Board) -> list[tuple[Request[Any], Status]]:
         (FitAccelerometer(1, "six-position"), Status.TOO_FEW_POINTS),
     ]
     for stream in board.identity.stream_calibrators[:1]:
-        found += [
+        cases += [
             (StreamReset("nobody"), Status.UNKNOWN_CALIBRATOR),
             (StreamState("nobody"), Status.UNKNOWN_CALIBRATOR),
             (StreamFeed("nobody", 0, 1), Status.UNKNOWN_CALIBRATOR),
             (StreamFeed(stream, beyond, 1), Status.TOO_FEW_POINTS),
         ]
-    return found
+    return cases
 
 
 def test_a_request_that_makes_no_sense_is_refused_and_changes_nothing(board: Board) -> None:
@@ -164,21 +172,21 @@ def test_a_request_that_makes_no_sense_is_refused_and_changes_nothing(board: Boa
     session.request(ClearPoses())
     session.request(Upload(0, POINTS))
     session.request(SetCalibration(slot, *FIRST))
-    kept = session.request(GetGyroscope())
-    for request, status in requests_too_much(board):
+    gyroscope = session.request(GetGyroscope())
+    for request, status in refused_requests(board):
         with pytest.raises(DeviceError) as refused:
             session.request(request)
         assert refused.value.status == status.name, f"{request} is refused with {refused.value.status}"
-    for request in requests_in_order(board):
+    for request in valid_requests(board):
         payload = request.payload()
-        # Every number as large as its field, and every real number NaN.
+        # A byte too few, a byte too many, and all bits set: the largest number, or NaN, in each field.
         for wrong in (payload[:-1], payload + b"\0", b"\xff" * len(payload)):
             reply = session.exchange_raw(session.numbered(request.code, wrong))
             assert reply is not None, f"{request} as {wrong.hex(' ')} is not answered"
             assert reply.payload[0] != Status.OK, f"{request} as {wrong.hex(' ')} is not refused"
-    assert session.request(Points(0, 10)).magnetometer.tolist() == [list(each) for each in POINTS]
+    assert session.request(Points(0, 10)).magnetometer.tolist() == [list(point) for point in POINTS]
     assert np.array_equal(session.request(GetCalibration(slot)).soft_iron, FIRST[0])
-    assert np.array_equal(session.request(GetGyroscope()).matrix, kept.matrix)
+    assert np.array_equal(session.request(GetGyroscope()).matrix, gyroscope.matrix)
     session.request(ClearCalibration(slot))
     session.request(ClearPoints())
 
@@ -201,11 +209,10 @@ def test_strongly_distorted_samples_are_fitted_as_in_float64(board: Board, noise
     points = np.rint((golden - golden.mean(axis=0)) @ STRONG.T + [300.0, -200.0, 100.0] + noise).astype(np.int16)
     upload_points(board, points)
     for calibrator in sorted(REFERENCES.keys() & set(board.identity.calibrators)):
-        found = board.session.request(Calibrate(len(points), calibrator)).calibration
-        wanted = REFERENCES[calibrator](points)
-        there, here = ((points - each.hard_iron) @ each.soft_iron.reshape(3, 3).T for each in (found, wanted))
-        off = np.abs(there - here).max()
-        assert off < FLOAT32.get(calibrator, 2e-5), f"{calibrator}: a sample is {off:.2g} of the field off float64"
+        fits = board.session.request(Calibrate(len(points), calibrator)).calibration, REFERENCES[calibrator](points)
+        board_field, float64_field = ((points - fit.hard_iron) @ fit.soft_iron.reshape(3, 3).T for fit in fits)
+        error = np.abs(board_field - float64_field).max()
+        assert error < FLOAT32.get(calibrator, 2e-5), f"{calibrator} differs from float64 by {error:.2g} of the field"
 
 
 @pytest.mark.parametrize(
@@ -242,15 +249,15 @@ def test_a_calibrator_that_knows_its_coverage_refuses_a_cap(board: Board) -> Non
             assert reply.fit is not FitStatus.ELLIPSOID, f"{calibrator} fits a cap of coverage {reply.coverage:.0f}"
 
 
-def stream_state(board: Board, stream: str, *, first: int, given_back: int = 0) -> StreamStateReply | None:
-    """Return what a stream knows of points of the buffer, after the first ones were given back; None if it cannot."""
+def stream_state(board: Board, stream: str, *, first: int, removed: int = 0) -> StreamStateReply | None:
+    """Return a stream's state after feeding points and removing the first ones; None if it cannot remove points."""
     session = board.session
     session.request(StreamReset(stream))
     for at in range(first, STREAMED, 20):
         session.request(StreamFeed(stream, at, 20))
-    if given_back:
+    if removed:
         try:
-            session.request(StreamRemove(stream, 0, given_back))
+            session.request(StreamRemove(stream, 0, removed))
         except DeviceError as error:
             if error.status != Status.NOT_SUPPORTED.name:
                 raise
@@ -263,16 +270,16 @@ def stream_state(board: Board, stream: str, *, first: int, given_back: int = 0) 
 def test_points_that_a_stream_gives_back_leave_no_trace(board: Board) -> None:
     upload_points(board, golden_points(STREAMED))
     for stream in board.identity.stream_calibrators:
-        never_had = stream_state(board, stream, first=20)
-        gave_back = stream_state(board, stream, first=0, given_back=20)
-        if gave_back is None:
+        without_first = stream_state(board, stream, first=20)
+        first_removed = stream_state(board, stream, first=0, removed=20)
+        if first_removed is None:
             continue
-        assert never_had is not None
-        assert gave_back.held == never_had.held
-        wanted, found = never_had.calibration, gave_back.calibration
-        # float32, about other anchors: of counts of some hundred, and of a gain of 1/485.
-        assert np.abs(found.hard_iron - wanted.hard_iron).max() < 0.01, f"{stream} keeps something of points given back"
-        assert np.abs(found.soft_iron - wanted.soft_iron).max() < 1e-4 * np.abs(wanted.soft_iron).max()
+        assert without_first is not None
+        assert first_removed.held == without_first.held
+        expected, actual = without_first.calibration, first_removed.calibration
+        # float32 sums about different anchors, for counts of some hundred and a gain of 1/485.
+        assert np.abs(actual.hard_iron - expected.hard_iron).max() < 0.01, f"{stream} keeps traces of removed points"
+        assert np.abs(actual.soft_iron - expected.soft_iron).max() < 1e-4 * np.abs(expected.soft_iron).max()
 
 
 def test_turns_are_fitted_without_their_bias(board: Board) -> None:
@@ -290,17 +297,17 @@ def test_turns_are_fitted_without_their_bias(board: Board) -> None:
         )
         for turned in 360.0 * np.vstack([np.eye(3), -np.eye(3)])
     ]
-    kept = board.session.request(GetGyroscope())
+    stored = board.session.request(GetGyroscope())
     fit = board.session.request(FitGyroscope(turns)).fit
-    board.session.request(SetGyroscope(kept.matrix, kept.bias))
+    board.session.request(SetGyroscope(stored.matrix, stored.bias))
     assert fit.status is TurnsStatus.OK
     # float32, and sums rounded to whole counts: 3e-6 of a turn.
-    off = np.abs(fit.matrix @ response - np.eye(3)).max()
-    assert off < 1e-4, f"the fitted matrix is {off:.2g} off the response that the turns were made with"
+    error = np.abs(fit.matrix @ response - np.eye(3)).max()
+    assert error < 1e-4, f"the fitted matrix differs from the inverse of the response by {error:.2g}"
 
 
 def faces(board: Board) -> list[StillPose]:
-    """Return still poses of the six faces, and empty the board's buffer."""
+    """Clear the board's pose buffer, and return still poses of the six faces."""
     board.session.request(ClearPoses())
     return [
         StillPose(
@@ -320,9 +327,9 @@ def test_six_faces_give_gain_and_offset(board: Board) -> None:
     fit = board.session.request(FitAccelerometer(len(FACES), "six-position")).solution.fit
     board.session.request(ClearPoses())
     # float32: 1e-6 of 1 g.
-    off_g = np.abs(fit.gain @ RESPONSE - np.eye(3)).max()
-    assert off_g < 1e-5, f"the fitted gain is {off_g:.2g} off the response that the faces were made with"
-    assert np.abs(fit.offset - OFFSET).max() < 0.05, f"offset {fit.offset} of faces made with {OFFSET}"
+    error_g = np.abs(fit.gain @ RESPONSE - np.eye(3)).max()
+    assert error_g < 1e-5, f"the fitted gain differs from the inverse of the response by {error_g:.2g}"
+    assert np.abs(fit.offset - OFFSET).max() < 0.05, f"the fitted offset is {fit.offset}, the true one {OFFSET}"
 
 
 @pytest.mark.parametrize(
@@ -339,24 +346,28 @@ def test_six_faces_give_gain_and_offset(board: Board) -> None:
 )
 def test_a_face_that_is_wrong_is_refused(board: Board, wrong: str, status: AccelerometerStatus) -> None:
     poses = faces(board)
-    up = poses[Face.MINUS_X]
+    changed_pose = poses[Face.MINUS_X]
     changed = {
         "none": poses,
-        "missing": [pose for pose in poses if pose is not up],
-        "repeated": [*poses, up],
-        "misplaced": [with_gravity(pose, poses[Face.PLUS_Y].accelerometer) if pose is up else pose for pose in poses],
+        "missing": [pose for pose in poses if pose is not changed_pose],
+        "repeated": [*poses, changed_pose],
+        "misplaced": [
+            with_gravity(pose, poses[Face.PLUS_Y].accelerometer) if pose is changed_pose else pose for pose in poses
+        ],
         "askew by 30 degrees": [
-            with_gravity(pose, COUNTS_PER_G * np.array([-np.sqrt(0.75), 0.5, 0.0])) if pose is up else pose
+            with_gravity(pose, COUNTS_PER_G * np.array([-np.sqrt(0.75), 0.5, 0.0])) if pose is changed_pose else pose
             for pose in poses
         ],
-        "moving": [with_gravity(pose, pose.accelerometer, spread=100.0) if pose is up else pose for pose in poses],
+        "moving": [
+            with_gravity(pose, pose.accelerometer, spread=100.0) if pose is changed_pose else pose for pose in poses
+        ],
     }[wrong]
     board.session.request(UploadPoses(0, changed))
-    found = board.session.request(FitAccelerometer(len(changed), "six-position")).solution
+    solution = board.session.request(FitAccelerometer(len(changed), "six-position")).solution
     board.session.request(ClearPoses())
-    assert found.status is status, f"{found.status.name} of faces of which one is {wrong}"
+    assert solution.status is status, f"the status is {solution.status.name} if one face is {wrong}"
 
 
 def with_gravity(pose: StillPose, counts: np.ndarray, *, spread: float = SPREAD[0]) -> StillPose:
-    """Return a pose with other readings of the accelerometer."""
+    """Return the pose with other accelerometer readings."""
     return StillPose(pose.magnetometer, pose.magnetometer_spread, counts, np.full(3, spread), pose.readings, pose.face)

@@ -1,4 +1,4 @@
-"""Cycles of every calibrator: at n points, per point, fixed, and their spread."""
+"""Cycles of each calibrator: total at n points, per point, fixed part, and spread."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 
-# Distance from float64 that the fast calibrator may have on golden point sets, which are even: 0.002 deg, 0.004 at
-# most over 30 sets. More is another arithmetic, not other points.
+# Largest distance from float64 of the fast calibrator on golden points, which are spread evenly: typically 0.002 deg,
+# and 0.004 at most over 30 sets. A larger distance shows different arithmetic, not different points.
 DISTANCE = Limit(max=0.01)
-# This is not the accuracy of any calibration: firmware_stub/DESIGN.md has that of 10 000 random point sets.
+# Other points give larger distances: firmware_stub/DESIGN.md has those of 10 000 random point sets.
 # Cycles of a request outside the timed calibration: frame, dispatch, the empty call and the reply take 3 400 to 4 400.
 OUTSIDE_AT_MOST = 6_000
-EVEN = "points spread evenly; of random ones 1 set in 100 exceeds 0.06 to 0.18 deg"
+EVEN = "points spread evenly; 1 random set in 100 exceeds 0.06 to 0.18 deg"
 
 
 @pytest.fixture(scope="module")
-def costs(board: Board, judged: list[str], rig: Rig, hil_progress: Progress) -> Mapping[str, CycleCost]:
+def costs(board: Board, tested_calibrators: list[str], rig: Rig, hil_progress: Progress) -> Mapping[str, CycleCost]:
     """Cycles on golden points, which are the same on every host and board."""
-    return measure_cycles(board, judged, n=rig.procedure.calibration_points, progress=hil_progress)
+    return measure_cycles(board, tested_calibrators, n=rig.procedure.calibration_points, progress=hil_progress)
 
 
 @pytest.fixture(scope="module")
 def fast(board: Board, rig: Rig) -> FastFit:
-    """Accuracy of the fast calibrator on golden points; for firmware that has it."""
+    """Distance of the fast calibrator from float64 on golden points; only for firmware that has this calibrator."""
     return measure_fast_fit(board, n=rig.procedure.calibration_points)
 
 
 def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
-    """Record what a calibrator costs at the number of points that it is used with, and by the line over others."""
+    """Record the cost at the rig's number of points, and the line fitted over other numbers of points."""
     measure(
         f"cycles.{name}.total", cost.total, "cycle", cycle_model=cost.model, band=cost.band, not_checked=cost.unchecked
     )
@@ -56,13 +56,13 @@ def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
         cycle_model=cost.model,
         not_offered="" if cost.request is not None else "only a virtual board observes the whole request",
     )
-    for what, cycles in (
+    for part, cycles in (
         ("per_point", cost.per_point),
         ("fixed", cost.fixed),
         ("regression_residual", cost.regression_residual),
         ("spread", cost.spread),
     ):
-        measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=cost.model)
+        measure(f"cycles.{name}.{part}", cycles, "cycle", cycle_model=cost.model)
 
 
 def refuse_work_outside_the_timer(costs: Mapping[str, CycleCost]) -> None:
@@ -78,7 +78,7 @@ def refuse_work_outside_the_timer(costs: Mapping[str, CycleCost]) -> None:
 def test_cycles_of_every_calibrator(
     costs: Mapping[str, CycleCost], measure: Measure, request: pytest.FixtureRequest
 ) -> None:
-    """The fast calibrator's cycles are never printed without its accuracy and what storing costs: one test for all."""
+    """One test for all, so that the fast calibrator's cycles never appear without its accuracy and cost of storing."""
     for name, cost in costs.items():
         measure_cost(name, cost, measure)
         measure(
@@ -90,7 +90,7 @@ def test_cycles_of_every_calibrator(
         )
     refuse_work_outside_the_timer(costs)
     if FAST in costs:
-        # Behind all costs: where it cannot be had, those of the others are still measured.
+        # Requested last: if it fails, the costs of the other calibrators are already recorded.
         fast: FastFit = request.getfixturevalue("fast")
         measure(f"cycles.{FAST}.float64_distance", fast.distance_deg, "deg", limit=DISTANCE, note=EVEN)
         measure(f"cycles.{FAST}.store_per_point", fast.store_per_point, "cycle", cycle_model=costs[FAST].model)

@@ -1,4 +1,4 @@
-"""The magnetometer against gravity, from the tumble's pairs and from still poses: a fit of norms sees no rotation."""
+"""Magnetometer calibration against gravity, which also corrects a rotation: pairs of the tumble, and still poses."""
 
 from __future__ import annotations
 
@@ -23,46 +23,45 @@ from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 
-# A field whose dip is further from what the rig declares is not the rig's, or gravity is in another unit: 300 pairs
-# of 0.4 uT show it to 0.1 degree. It does not enter a heading.
+# A larger difference from the declared dip means another field, or gravity in another unit: 300 pairs with 0.4 uT of
+# noise determine the dip to 0.1 degree. The dip has no effect on headings.
 DIP_WITHIN_DEG = 2.0
 
 
-def measure_fit(measure: Measure, found: DpiRun, rig: Rig) -> None:
+def measure_fit(measure: Measure, dpi: DpiRun, rig: Rig) -> None:
     """Record the measurements of a calibration against gravity."""
-    run, dip_deg = found.run, rig.field.dip_deg
+    run, dip_deg = dpi.run, rig.field.dip_deg
     measure(f"fit.{run.name}.status", int(run.fit), "")
-    measure(f"fit.{run.name}.n_used", found.n_used, "")
-    assert run.usable, f"{run.name} of {found.n_used} rows: {run.fit.name}"
+    measure(f"fit.{run.name}.n_used", dpi.n_used, "")
+    assert run.usable, f"{run.name} of {dpi.n_used} rows: {run.fit.name}"
     measure(f"fit.{run.name}.residual", run.residual_percent, "%")
     measure(f"fit.{run.name}.residual_predicted", run.residual_predicted_percent, "%")
     measure(f"fit.{run.name}.offset_error", run.offset_error_ut, "uT")
     measure(f"fit.{run.name}.rotation_left", run.rotation_left_deg, "deg")
     measure(f"fit.{run.name}.coverage", run.coverage, "")
-    measure(f"fit.{run.name}.standard_error", found.standard_error_percent, "%")
+    measure(f"fit.{run.name}.standard_error", dpi.standard_error_percent, "%")
     declared = Limit(min=dip_deg - DIP_WITHIN_DEG, max=dip_deg + DIP_WITHIN_DEG)
-    measure(f"fit.{run.name}.dip", found.dip_deg, "deg", limit=declared)
+    measure(f"fit.{run.name}.dip", dpi.dip_deg, "deg", limit=declared)
     measure(f"fit.{run.name}.dip_declared", dip_deg, "deg")
-    measure(f"fit.{run.name}.strength", found.strength_ut, "uT")
+    measure(f"fit.{run.name}.strength", dpi.strength_ut, "uT")
     measure(f"fit.{run.name}.strength_declared", rig.field.strength_ut, "uT")
 
 
-def asked_for(found: DpiRun | None) -> DpiRun:
-    """Skip where the rig asks for no calibration against gravity."""
-    if found is None:
+def require(dpi: DpiRun | None) -> DpiRun:
+    """Return the calibration, or skip the test if the rig requests none against gravity."""
+    if dpi is None:
         pytest.skip("the rig's [procedure] has no calibration against gravity")
-    return found
+    return dpi
 
 
 def test_gravity_calibrates_the_magnetometer(dpi: DpiRun | None, rig: Rig, measure: Measure) -> None:
-    measure_fit(measure, asked_for(dpi), rig)
+    measure_fit(measure, require(dpi), rig)
 
 
 def test_the_boards_arithmetic_does_not_enter(
     board: Board, dpi: DpiRun | None, known_angles: RequestedAngles, tumble: Tumble, rig: Rig, measure: Measure
 ) -> None:
-    found = asked_for(dpi)
-    if not found.run.usable:
+    if not require(dpi).run.usable:
         pytest.skip("there is no calibration")
     accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
     reference = fit_dpi(tumble.points, accelerometer.gravity_g(tumble.accelerometer), dip_deg=rig.field.dip_deg)
@@ -74,15 +73,15 @@ def test_the_boards_arithmetic_does_not_enter(
 
 @pytest.mark.full
 def test_still_poses_do_as_well(
-    board: Board, dpi_of_poses: DpiRun | None, known_angles: RequestedAngles, rig: Rig, measure: Measure
+    board: Board, dpi_from_poses: DpiRun | None, known_angles: RequestedAngles, rig: Rig, measure: Measure
 ) -> None:
-    found = asked_for(dpi_of_poses)
-    measure_fit(measure, found, rig)
+    dpi = require(dpi_from_poses)
+    measure_fit(measure, dpi, rig)
     accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
-    errors = heading_errors_deg(known_angles, found.run.result, accelerometer)
+    errors = heading_errors_deg(known_angles, dpi.run.result, accelerometer)
     assert errors is not None
     summary = summarise(errors, known_angles.reference_deg, level=known_angles.level)
-    measure(f"heading.{found.run.name}.max", summary.max_deg, "deg", limit=Limit(max=2.0))
-    measure(f"heading.{found.run.name}.rms", summary.rms_deg, "deg")
-    measure(f"heading.{found.run.name}.bias", summary.bias_deg, "deg")
-    measure(f"heading.{found.run.name}.max_centred", summary.max_centred_deg, "deg")
+    measure(f"heading.{dpi.run.name}.max", summary.max_deg, "deg", limit=Limit(max=2.0))
+    measure(f"heading.{dpi.run.name}.rms", summary.rms_deg, "deg")
+    measure(f"heading.{dpi.run.name}.bias", summary.bias_deg, "deg")
+    measure(f"heading.{dpi.run.name}.max_centred", summary.max_centred_deg, "deg")

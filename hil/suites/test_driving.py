@@ -1,4 +1,4 @@
-"""Heading while the field is disturbed: what errs, for how long, and whether the firmware says so."""
+"""Heading during disturbances of the field: errors, their duration, and whether the firmware reports them."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ pytestmark = pytest.mark.hil
 
 # The first calibration of the heading suite.
 CALIBRATOR = "direct"
-# The thesis' goal for a compass heading.
+# The thesis' goal for a compass heading: a smaller error counts as right.
 RIGHT_DEG = 2.0
 
 
-# Of the session: the test that needs the known angles too comes after other suites, when the drive is long over.
+# Session scope, because the test that also needs the known angles runs later, after other suites.
 @pytest.fixture(scope="session")
 def drive(board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun]) -> DrivingResult:
-    """Headings of the filter and of its two halves while the board was turned through the disturbances."""
+    """Headings of the filter, of the gyroscope alone and of the magnetometer alone during the disturbances."""
     assert rig.world is not None
     noise = filter_noise(
         magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
@@ -60,7 +60,7 @@ def drive(board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[st
 def driven(
     board: Board, turntable: Turntable, rig: Rig, tumble: Tumble, drive: DrivingResult, hil_progress: Progress
 ) -> DrivenCalibrations:
-    """Calibrations from points that were taken while the field was disturbed, and afterwards."""
+    """Calibrations from points that were taken during the disturbances and after them."""
     return calibrate_while_driving(
         board,
         turntable,
@@ -72,25 +72,25 @@ def driven(
 
 
 def test_heading_while_driving(drive: DrivingResult, measure: Measure) -> None:
-    for source, found in drive.headings.items():
-        measure(f"driving.{source}.quiet_rms", found.quiet_rms_deg, "deg")
-        measure(f"driving.{source}.rms", found.rms_deg, "deg")
-        measure(f"driving.{source}.max", found.max_deg, "deg")
-        for cause, rms_deg in found.rms_by_cause_deg.items():
+    for source, errors in drive.headings.items():
+        measure(f"driving.{source}.quiet_rms", errors.quiet_rms_deg, "deg")
+        measure(f"driving.{source}.rms", errors.rms_deg, "deg")
+        measure(f"driving.{source}.max", errors.max_deg, "deg")
+        for cause, rms_deg in errors.rms_by_cause_deg.items():
             measure(f"driving.{source}.{cause}_rms", rms_deg, "deg")
 
 
 def test_time_to_recover(drive: DrivingResult, measure: Measure) -> None:
-    for source, found in drive.headings.items():
-        note = "" if found.recovered else "still wrong then"
-        measure(f"driving.{source}.recovery_time", found.recovery_s, "s", note=note)
+    for source, errors in drive.headings.items():
+        note = "" if errors.recovered else "still wrong then"
+        measure(f"driving.{source}.recovery_time", errors.recovery_s, "s", note=note)
 
 
 def test_whether_the_firmware_says_that_it_does_not_know(drive: DrivingResult, measure: Measure) -> None:
     summary = drive.motion.summary
     measure("driving.fusion.left_out", summary.no_attitude + summary.accelerated, "")
-    for source, found in drive.headings.items():
-        measure(f"driving.{source}.unsaid", found.unsaid_s, "s")
+    for source, errors in drive.headings.items():
+        measure(f"driving.{source}.unsaid", errors.unsaid_s, "s")
 
 
 def test_headings_over_time(drive: DrivingResult, measure: Measure) -> None:
@@ -103,7 +103,7 @@ def test_headings_over_time(drive: DrivingResult, measure: Measure) -> None:
             drive.motion.time_s.tolist(),
             (pose.heading_deg for pose in truth),
             *fields_ut.values(),
-            *(map(cell, heading.error_deg.tolist()) for heading in drive.headings.values()),
+            *(map(finite_or_none, heading.error_deg.tolist()) for heading in drive.headings.values()),
             strict=True,
         ),
     )
@@ -123,16 +123,16 @@ def test_what_a_calibration_from_disturbed_points_says_of_itself(driven: DrivenC
 def test_what_a_calibration_from_disturbed_points_is_worth(
     known_angles: RequestedAngles, driven: DrivenCalibrations, accelerometer_fit: AccelerometerFit, measure: Measure
 ) -> None:
-    def worst(fit: MagnetometerFit) -> float:
+    def max_error(fit: MagnetometerFit) -> float:
         errors = heading_errors_deg(known_angles, fit, accelerometer_fit)
         return math.nan if errors is None else float(np.abs(errors).max())
 
-    measure(f"driving.{CALIBRATOR}.calibrated_max", worst(driven.fit), "deg")
+    measure(f"driving.{CALIBRATOR}.calibrated_max", max_error(driven.fit), "deg")
     rows = []
     for name, stages in driven.begun_disturbed.items():
-        measure(f"driving.{name}.calibrated_max", worst(disturbed(stages)[-1].stage.fit), "deg")
+        measure(f"driving.{name}.calibrated_max", max_error(disturbed(stages)[-1].stage.fit), "deg")
         after = [stage for stage in stages if not stage.disturbed]
-        right = [worst(each.stage.fit) <= RIGHT_DEG for each in after]
+        right = [max_error(stage.stage.fit) <= RIGHT_DEG for stage in after]
         first = next((at for at in range(len(after)) if all(right[at:])), None)
         measure(
             f"driving.{name}.recalibrated_after",
@@ -141,9 +141,9 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
             note="not right by then" if first is None else "",
         )
     for name, stages in driven.begun_before.items():
-        measure(f"driving.{name}.kept_max", max(worst(each.stage.fit) for each in disturbed(stages)), "deg")
-    for begun, found in (("before", driven.begun_before), ("disturbed", driven.begun_disturbed)):
-        for name, stages in found.items():
+        measure(f"driving.{name}.kept_max", max(max_error(stage.stage.fit) for stage in disturbed(stages)), "deg")
+    for begun, calibrations in (("before", driven.begun_before), ("disturbed", driven.begun_disturbed)):
+        for name, stages in calibrations.items():
             rows += [
                 [
                     name,
@@ -154,7 +154,7 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
                     stage.stage.state.held,
                     stage.stage.state.accepted,
                     stage.stage.state.fit_error_percent,
-                    worst(stage.stage.fit),
+                    max_error(stage.stage.fit),
                 ]
                 for stage in stages
             ]
@@ -167,8 +167,9 @@ def test_what_a_calibration_from_disturbed_points_is_worth(
 
 
 def disturbed(stages: list[DrivenStage]) -> list[DrivenStage]:
+    """Return the stages during disturbances."""
     return [stage for stage in stages if stage.disturbed]
 
 
-def cell(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Attitude of the Kalman filter while the board moves, beside each of its two halves alone."""
+"""Attitude of the Kalman filter during a motion, compared with each half alone: gyroscope; accelerometer and field."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def motion(
     gyroscope_calibration: FittedTurns,
     hil_progress: Progress,
 ) -> FusionResult:
-    """Errors of the fusion filter while the board was turned and tilted; it keeps its gyroscope's calibration."""
+    """Errors of the fusion filter during turns and tilts, with the stored gyroscope calibration."""
     noise = filter_noise(
         magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
         field_ut=rig.field.strength_ut,
@@ -77,26 +77,27 @@ def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
 
 
 def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:
-    found = alternatives(motion)
-    if motion.truth is None or any(errors is None for errors in found.values()):
+    errors_by_name = alternatives(motion)
+    if motion.truth is None or any(errors is None for errors in errors_by_name.values()):
         pytest.skip("the truth is not known here")
     measure.table(
         "fusion.motion",
-        {"time": "s", "heading": "deg"} | dict.fromkeys(found, "deg"),
+        {"time": "s", "heading": "deg"} | dict.fromkeys(errors_by_name, "deg"),
         zip(
             motion.time_s.tolist(),
             (pose.heading_deg for pose in motion.truth),
-            *(map(cell, errors.heading_deg.tolist()) for errors in found.values() if errors),
+            *(map(finite_or_none, errors.heading_deg.tolist()) for errors in errors_by_name.values() if errors),
             strict=True,
         ),
     )
 
 
-def cell(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
 def alternatives(motion: FusionResult) -> dict[str, AttitudeErrors | None]:
+    """Return the errors of the filter and of each half alone."""
     return {
         "fused": motion.fused,
         "accelerometer_magnetometer": motion.accelerometer_magnetometer,

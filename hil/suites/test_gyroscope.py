@@ -1,7 +1,7 @@
-"""Bias, scale, axes and noise of the gyroscope: rests, whole turns of the table, and a log at rest.
+"""Bias, scale, axes and noise of the gyroscope, from rests, full turns of the table, and a log at rest.
 
-The gate set rests, turns once about z and rests again; the full set turns about x and y, too, and lets the board fit
-and keep its calibration.
+The gate set measures a rest, one turn about z and another rest. The full set adds turns about x and y, and the board
+fits and stores its calibration.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def test_turns_about_all_axes_find_scale_and_axes(
     truth = board.truth and board.truth.gyroscope_response
     scale = misalignment = None
     if truth is not None:
-        # Of the matrix that the board fitted and keeps, and not of the turns that it was fitted to.
+        # Errors of the matrix that the board stores, not of the turns that it was fitted to.
         scale = max(gyroscope_calibration.scale_errors_percent(truth), key=abs)
         misalignment = max(gyroscope_calibration.misalignments_deg(truth))
     measure("gyroscope.scale_error", scale, "%")
@@ -68,7 +68,7 @@ def test_the_calibrated_gyroscope_follows_a_turn_that_it_was_not_fitted_to(
     measure: Measure,
     hil_progress: Progress,
 ) -> None:
-    back = measure_turn(
+    turn_back = measure_turn(
         board,
         turntable,
         Axis.Z,
@@ -77,18 +77,18 @@ def test_the_calibrated_gyroscope_follows_a_turn_that_it_was_not_fitted_to(
         rest_s=rig.procedure.gyroscope_rest_s,
         progress=hil_progress,
     )
-    off_deg = gyroscope_calibration.fit.matrix @ back.turn.integral - back.turn.turned_deg
-    measure("gyroscope.turn_error", float(np.linalg.norm(off_deg)), "deg")
+    error_deg = gyroscope_calibration.fit.matrix @ turn_back.turn.integral - turn_back.turn.turned_deg
+    measure("gyroscope.turn_error", float(np.linalg.norm(error_deg)), "deg")
 
 
 @pytest.mark.full
 def test_noise_density_at_rest(board: Board, turntable: Turntable, measure: Measure, hil_progress: Progress) -> None:
     turntable.rest()
     log = log_gyroscope(board, seconds=NOISE_LOG_S, progress=hil_progress)
-    found = noise_density(log.rates_dps, rate_hz=log.rate_hz)
-    measure("gyroscope.noise_density", 1000.0 * found.together, "mdps/rtHz")
+    density = noise_density(log.rates_dps, rate_hz=log.rate_hz)
+    measure("gyroscope.noise_density", 1000.0 * density.together, "mdps/rtHz")
     measure.table(
         "gyroscope.noise_density",
         {"axis": "", "density": "mdps/rtHz"},
-        zip("xyz", (1000.0 * found.per_axis).tolist(), strict=True),
+        zip("xyz", (1000.0 * density.per_axis).tolist(), strict=True),
     )

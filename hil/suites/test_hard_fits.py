@@ -1,4 +1,4 @@
-"""Fits of points, poses and turns that hardly determine one: refused, or right. Points and poses are replaced."""
+"""Fits of data that barely determine a result must be right or refused. The board's points and poses are replaced."""
 
 from __future__ import annotations
 
@@ -36,17 +36,18 @@ Counts = NDArray[np.int16]
 FIELD_COUNTS, NOISE_COUNTS = 485.0, 4.0
 SOFT_IRON = np.array([[1.1, 0.08, -0.05], [0.08, 0.95, 0.06], [-0.05, 0.06, 1.0]])
 HARD_IRON = np.array([300.0, -200.0, 100.0])
-# From -32768 to 32767 on the x axis.
+# Field that spans -32768 to 32767 on the x axis.
 LARGEST = 32768.0 / SOFT_IRON[0, 0]
 FAR_HARD_IRON = np.array([-6_000.0, 24_000.0, 6_000.0])
-# Of the field. Noise is 0.008 of it, and points from half of a sphere leave 0.03 on its other half.
-RIGHT = 0.06
-# Between float32 and float64 where points hardly determine what is fitted: 0.003 at most.
-AS_IN_FLOAT64 = 0.01
+# Largest error of a right fit, as a part of the field. Noise is 0.008 of the field; points from half of a sphere give
+# an error of 0.03 on the other half.
+LARGEST_ERROR = 0.06
+# Largest difference between float32 and float64 if the points barely determine the fit: 0.003 measured.
+FLOAT64_DIFFERENCE = 0.01
 
 
 def directions(n: int) -> Reals:
-    """Return directions all round, evenly."""
+    """Return evenly spread directions over the sphere."""
     height = 1.0 - (2.0 * np.arange(n) + 1.0) / n
     turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
     across = np.sqrt(1.0 - height**2)
@@ -56,9 +57,9 @@ def directions(n: int) -> Reals:
 def sensed(
     along: Reals, *, field: float = FIELD_COUNTS, hard_iron: Reals = HARD_IRON, noise: float = NOISE_COUNTS
 ) -> Counts:
-    """Return what a distorted sensor reads of a field along directions [counts]."""
-    drawn = np.random.default_rng(1).normal(0.0, 1.0, along.shape)
-    return np.rint(field * along @ SOFT_IRON + hard_iron + noise * drawn).clip(-32768, 32767).astype(np.int16)
+    """Return readings of a distorted sensor for a field along the directions [counts]."""
+    random = np.random.default_rng(1).normal(0.0, 1.0, along.shape)
+    return np.rint(field * along @ SOFT_IRON + hard_iron + noise * random).clip(-32768, 32767).astype(np.int16)
 
 
 ALL_ROUND = directions(120)
@@ -75,7 +76,7 @@ def surface(across: Reals, height: Reals) -> Counts:
     return np.rint(np.column_stack([across * np.cos(AROUND), across * np.sin(AROUND), height])).astype(np.int16)
 
 
-# Points, the field and the hard iron that they are made with.
+# Points, with the true field and hard iron.
 DETERMINED: dict[str, tuple[Counts, float, Reals]] = {
     "all round": (sensed(ALL_ROUND), FIELD_COUNTS, HARD_IRON),
     "half a sphere": (sensed(MANY[MANY[:, 2] > 0.0]), FIELD_COUNTS, HARD_IRON),
@@ -95,8 +96,8 @@ DETERMINED: dict[str, tuple[Counts, float, Reals]] = {
         np.zeros(3),
     ),
 }
-# No ellipsoid is determined, whatever the fit.
-NOTHING: dict[str, Counts] = {
+# Points that determine no ellipsoid, whatever the fit.
+UNDETERMINED: dict[str, Counts] = {
     "eight points": sensed(directions(8)),
     "one point again and again": np.repeat(sensed(ALL_ROUND[:1]), 100, axis=0),
     "two points again and again": np.repeat(sensed(ALL_ROUND[:2]), 50, axis=0),
@@ -107,7 +108,7 @@ NOTHING: dict[str, Counts] = {
     "a ring": sensed(RING),
     "the six faces, again and again": sensed(np.repeat(FACES, 15, axis=0)),
 }
-# More than one ellipsoid is near all points: a calibrator that answers a coverage sees it.
+# Points that several ellipsoids fit closely; a calibrator that reports its coverage must refuse them.
 TOO_LITTLE: dict[str, Counts] = {
     "a ring and a point": sensed(np.vstack([RING, [[0.0, 0.0, 1.0]]])),
     "two rings": sensed(np.vstack([RING, np.roll(RING, 1, axis=1)])),
@@ -115,8 +116,8 @@ TOO_LITTLE: dict[str, Counts] = {
     "a cap of 45 degrees": sensed(MANY[MANY[:, 2] > 0.7]),
     "a tilted cap of 60 degrees": sensed(MANY[MANY @ [0.6, 0.64, 0.48] > 0.5]),
 }
-# No ellipsoid, or one that one point draws away: a fit may be made for such points, and its residual tells.
-OTHER: dict[str, Counts] = {
+# Points of other surfaces, or with one outlier: a calibrator may fit them, and the residual shows the misfit.
+OTHER_SHAPES: dict[str, Counts] = {
     "a hyperboloid": surface(500.0 * np.cosh(ALONG), 500.0 * np.sinh(ALONG)),
     "two sheets": surface(300.0 * np.sinh(ALONG + 1.1), 300.0 * np.sign(ALONG) * np.cosh(ALONG + 1.1)),
     "a cylinder": surface(np.full(120, 500.0), 500.0 * ALONG),
@@ -131,31 +132,33 @@ OTHER: dict[str, Counts] = {
 
 
 def calibrated(reply: CalibrationReply, points: Counts | Reals) -> Reals:
-    """Return points under a calibration [field]."""
+    """Return the points after calibration, in units of the field."""
     return np.asarray((points - reply.hard_iron) @ reply.soft_iron.reshape(3, 3).T, dtype=np.float64)
 
 
-def off_the_truth(reply: CalibrationReply, field: float, hard_iron: Reals) -> float:
-    """Return how far from 1 the norm of a calibrated field is at most, all round."""
+def largest_norm_error(reply: CalibrationReply, field: float, hard_iron: Reals) -> float:
+    """Return the largest deviation from 1 of the calibrated norm, over the sphere."""
     everywhere = field * directions(500) @ SOFT_IRON + hard_iron
     return float(np.abs(np.linalg.norm(calibrated(reply, everywhere), axis=1) - 1.0).max())
 
 
 def is_confident(reply: CalibrateReply | StreamStateReply) -> bool:
-    """Say whether a reply is an ellipsoid without a reserve."""
+    """Return whether the reply is an ellipsoid, and not the sphere that replaces one."""
     return reply.fit is FitStatus.ELLIPSOID and not reply.is_sphere
 
 
 def replies(board: Board, points: Counts) -> Iterator[tuple[str, CalibrateReply]]:
-    """Yield each calibrator's answer; where it is the sphere, that is checked here."""
+    """Yield each calibrator's reply; a sphere is compared with the least-squares sphere first."""
     upload_points(board, points)
     for name in board.identity.calibrators:
         reply = board.session.request(Calibrate(len(points), name))
         assert not (reply.fit is FitStatus.ELLIPSOID and reply.is_sphere), f"{name}: a sphere passes for an ellipsoid"
         if reply.is_sphere:
             sphere = fit_sphere(points)
-            off = np.abs(calibrated(reply.calibration, points) - sphere.corrected(points)).max()
-            assert off < AS_IN_FLOAT64, f"{name}: the sphere is {off:.2g} of the field off the least-squares one"
+            error = np.abs(calibrated(reply.calibration, points) - sphere.corrected(points)).max()
+            assert error < FLOAT64_DIFFERENCE, (
+                f"{name}: the sphere is {error:.2g} of the field off the least-squares one"
+            )
         yield name, reply
 
 
@@ -164,29 +167,31 @@ def test_points_that_determine_an_ellipsoid_are_fitted(board: Board, name: str) 
     points, field, hard_iron = DETERMINED[name]
     for calibrator, reply in replies(board, points):
         assert is_confident(reply), f"{calibrator} answers {reply.fit.name}"
-        off = off_the_truth(reply.calibration, field, hard_iron)
-        assert off < RIGHT, f"{calibrator} fits an ellipsoid that is {off:.2g} of the field off the true one"
+        error = largest_norm_error(reply.calibration, field, hard_iron)
+        assert error < LARGEST_ERROR, (
+            f"{calibrator} fits an ellipsoid that is {error:.2g} of the field off the true one"
+        )
 
 
-@pytest.mark.parametrize("name", NOTHING)
+@pytest.mark.parametrize("name", UNDETERMINED)
 def test_points_that_determine_nothing_are_refused(board: Board, name: str) -> None:
-    for calibrator, reply in replies(board, NOTHING[name]):
+    for calibrator, reply in replies(board, UNDETERMINED[name]):
         assert not is_confident(reply), f"{calibrator} fits an ellipsoid to {name}"
 
 
-@pytest.mark.parametrize("name", [*TOO_LITTLE, *OTHER])
+@pytest.mark.parametrize("name", [*TOO_LITTLE, *OTHER_SHAPES])
 def test_what_is_fitted_all_the_same_is_the_fit_of_float64(board: Board, name: str) -> None:
-    points = TOO_LITTLE[name] if name in TOO_LITTLE else OTHER[name]
+    points = TOO_LITTLE[name] if name in TOO_LITTLE else OTHER_SHAPES[name]
     for calibrator, reply in replies(board, points):
         if not is_confident(reply):
             continue
         assert not (name in TOO_LITTLE and reply.coverage), f"{calibrator} fits a coverage of {reply.coverage:.0f}"
-        if calibrator in REFERENCES and (wanted := REFERENCES[calibrator](points)).status is FitStatus.ELLIPSOID:
-            off = np.abs(calibrated(reply.calibration, points) - wanted.corrected(points)).max()
-            assert off < AS_IN_FLOAT64, f"{calibrator}: {name} is {off:.2g} of the field off float64"
+        if calibrator in REFERENCES and (reference := REFERENCES[calibrator](points)).status is FitStatus.ELLIPSOID:
+            error = np.abs(calibrated(reply.calibration, points) - reference.corrected(points)).max()
+            assert error < FLOAT64_DIFFERENCE, f"{calibrator}: {name} is {error:.2g} of the field off float64"
 
 
-# Points for a stream, and the field that they are made with.
+# Points for a stream, and the true field; 0 if the points determine no ellipsoid.
 STREAMED: dict[str, tuple[Counts, float]] = {
     "all round": (np.random.default_rng(2).permutation(sensed(directions(500))), FIELD_COUNTS),
     "a field of 0.5 uT": (sensed(directions(60), field=5.0, noise=0.0), 5.0),
@@ -194,13 +199,13 @@ STREAMED: dict[str, tuple[Counts, float]] = {
     "a plane": (np.rint(FIELD_COUNTS * directions(180) * [1.0, 1.0, 0.01]).astype(np.int16), 0.0),
     "one point": (np.repeat(sensed(ALL_ROUND[:1]), 60, axis=0), 0.0),
     "eight points": (sensed(directions(8)), 0.0),
-    "a hyperboloid": (np.tile(OTHER["a hyperboloid"], (3, 1)), 0.0),
+    "a hyperboloid": (np.tile(OTHER_SHAPES["a hyperboloid"], (3, 1)), 0.0),
 }
 
 
 @pytest.mark.parametrize(("name", "times"), [*((name, 1) for name in STREAMED), ("all round", 4)])
 def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, times: int) -> None:
-    # A solver that does one slice of its work a point comes to an ellipsoid after some thousand.
+    # A solver that runs one slice per point needs some thousand points for an ellipsoid.
     points, field = STREAMED[name]
     upload_points(board, points)
     for stream in board.identity.stream_calibrators:
@@ -211,8 +216,8 @@ def test_a_stream_is_right_or_knows_that_it_is_not(board: Board, name: str, time
         board.session.request(StreamReset(stream))
         if is_confident(state):
             assert field, f"{stream} fits an ellipsoid to {name}"
-            off = off_the_truth(state.calibration, field, HARD_IRON)
-            assert off < RIGHT, f"{stream}: {name} is {off:.2g} of the field off the truth"
+            error = largest_norm_error(state.calibration, field, HARD_IRON)
+            assert error < LARGEST_ERROR, f"{stream}: {name} is {error:.2g} of the field off the truth"
         assert is_confident(state) or name != "all round", f"{stream} answers {state.fit.name} to points all round"
 
 
@@ -224,13 +229,13 @@ def pose(
     readings: int = 64,
     field: Reals = FIELD_COUNTS * ALL_ROUND[0],
 ) -> StillPose:
-    """Return a still pose of an accelerometer of 8192 counts a g."""
+    """Return a still pose of an accelerometer with 8192 counts per g."""
     spreads = np.full(3, spread)
     return StillPose(field, spreads, COUNTS_PER_G * np.asarray(gravity_g), spreads, readings, face)
 
 
 SIX = [pose(np.array(face.gravity_g), face=face) for face in FACES_DOWN]
-# Readings of the six faces, each near its axis and of 0.6 to 1.6 g, that no gains and offsets make 1 g.
+# Readings of the six faces, each near its axis and of 0.6 to 1.6 g; no gains and offsets turn all of them into 1 g.
 CONTRADICTORY = [
     pose(np.array(gravity_g), face=face)
     for face, gravity_g in zip(
@@ -252,13 +257,13 @@ POSED: list[tuple[str, str, list[StillPose], AccelerometerStatus]] = [
     (
         "six-position",
         "of an 8 g part",
-        [pose(np.array(each.face.gravity_g) / 2.0, face=each.face) for each in SIX],
+        [pose(np.array(still.face.gravity_g) / 2.0, face=still.face) for still in SIX],
         AccelerometerStatus.MISPLACED_FACE,
     ),
     (
         "six-position",
         "of a 2 g part",
-        [pose(np.array(each.face.gravity_g) * 2.0, face=each.face) for each in SIX],
+        [pose(np.array(still.face.gravity_g) * 2.0, face=still.face) for still in SIX],
         AccelerometerStatus.MISPLACED_FACE,
     ),
     (
@@ -272,76 +277,88 @@ POSED: list[tuple[str, str, list[StillPose], AccelerometerStatus]] = [
     (
         "ellipsoid",
         "one moved",
-        [pose(each, spread=50.0 if i == 9 else 8.0) for i, each in enumerate(directions(20))],
+        [pose(gravity_g, spread=50.0 if i == 9 else 8.0) for i, gravity_g in enumerate(directions(20))],
         AccelerometerStatus.MOVED,
     ),
-    ("ellipsoid", "on a plane", [pose(each) for each in RING[::5]], AccelerometerStatus.POOR_COVERAGE),
+    ("ellipsoid", "on a plane", [pose(gravity_g) for gravity_g in RING[::5]], AccelerometerStatus.POOR_COVERAGE),
     ("ellipsoid", "in one place", [pose(ALL_ROUND[0])] * 20, AccelerometerStatus.POOR_COVERAGE),
-    ("ellipsoid", "far out", [pose(each + 100.0) for each in directions(20)], AccelerometerStatus.POOR_COVERAGE),
-    ("ellipsoid", "far below", [pose(each - 100.0) for each in directions(20)], AccelerometerStatus.POOR_COVERAGE),
+    ("ellipsoid", "far out", [pose(gravity + 100.0) for gravity in directions(20)], AccelerometerStatus.POOR_COVERAGE),
+    (
+        "ellipsoid",
+        "far below",
+        [pose(gravity - 100.0) for gravity in directions(20)],
+        AccelerometerStatus.POOR_COVERAGE,
+    ),
     (
         "ellipsoid",
         "on a hyperboloid",
-        [pose(each / 500.0) for each in OTHER["a hyperboloid"][::2]],
+        [pose(point / 500.0) for point in OTHER_SHAPES["a hyperboloid"][::2]],
         AccelerometerStatus.NOT_AN_ELLIPSOID,
     ),
     ("six-position", "contradictory", CONTRADICTORY, AccelerometerStatus.NOT_AN_ELLIPSOID),
 ]
 
 
-@pytest.mark.parametrize(("method", "what", "poses", "status"), POSED, ids=[f"{each[0]} {each[1]}" for each in POSED])
+@pytest.mark.parametrize(
+    ("method", "condition", "poses", "status"), POSED, ids=[f"{method} {condition}" for method, condition, *_ in POSED]
+)
 def test_poses_are_fitted_or_refused_by_name(
-    board: Board, method: str, what: str, poses: list[StillPose], status: AccelerometerStatus
+    board: Board, method: str, condition: str, poses: list[StillPose], status: AccelerometerStatus
 ) -> None:
     board.session.request(ClearPoses())
     for first in range(0, len(poses), MAX_TRANSFER):
         board.session.request(UploadPoses(first, poses[first : first + MAX_TRANSFER]))
-    found = board.session.request(FitAccelerometer(len(poses), method)).solution
+    solution = board.session.request(FitAccelerometer(len(poses), method)).solution
     board.session.request(ClearPoses())
-    assert found.status is status, f"poses {what} are answered {found.status.name}"
-    # Poses of a perfect part; a refusal leaves the nominal calibration.
-    assert np.abs(found.fit.gain - NOMINAL.gain).max() < 1e-5 * NOMINAL.gain[0, 0]
-    assert np.abs(found.fit.offset).max() < 0.1
+    assert solution.status is status, f"poses {condition} are answered {solution.status.name}"
+    # The poses are those of a perfect part, and a refusal returns the nominal calibration.
+    assert np.abs(solution.fit.gain - NOMINAL.gain).max() < 1e-5 * NOMINAL.gain[0, 0]
+    assert np.abs(solution.fit.offset).max() < 0.1
 
 
-def turn(turned_deg: Reals, *, n: int = 2001, sees: float = 1.0) -> GyroscopeTurn:
-    """Return a turn of 10 s as a perfect gyroscope feels it."""
-    total = np.rint(sees * np.asarray(turned_deg) * 16.0 * 200.0).astype(np.int64)
+def turn(turned_deg: Reals, *, n: int = 2001, sensitivity: float = 1.0) -> GyroscopeTurn:
+    """Return a turn of 10 s as a perfect gyroscope measures it, times a sensitivity."""
+    total = np.rint(sensitivity * np.asarray(turned_deg) * 16.0 * 200.0).astype(np.int64)
     return GyroscopeTurn(np.asarray(turned_deg, dtype=np.float64), total, n, 10.0, np.zeros(3), np.zeros(3))
 
 
-TURNS = [turn(each) for each in 360.0 * np.eye(3)]
+TURNS = [turn(degrees) for degrees in 360.0 * np.eye(3)]
 TURNED: list[tuple[str, list[GyroscopeTurn], TurnsStatus, int | None]] = [
     ("in order", TURNS, TurnsStatus.OK, None),
-    ("in other lengths and directions", [turn(each) for each in np.diag([-360.0, 720.0, 100.0])], TurnsStatus.OK, None),
+    (
+        "in other lengths and directions",
+        [turn(degrees) for degrees in np.diag([-360.0, 720.0, 100.0])],
+        TurnsStatus.OK,
+        None,
+    ),
     ("two", TURNS[:2], TurnsStatus.TOO_FEW, None),
     ("one short", [*TURNS, turn(np.array([0.0, 89.0, 0.0]))], TurnsStatus.TOO_SMALL, 3),
     ("one of a sample", [TURNS[0], turn(np.array([0.0, 360.0, 0.0]), n=1), TURNS[2]], TurnsStatus.TOO_SMALL, 1),
     ("about axes of a plane", [*TURNS[:2], turn(np.array([360.0, 360.0, 0.0]))], TurnsStatus.NOT_SPANNING, None),
     (
         "that the gyroscope did not see",
-        [turn(each, sees=0.0) for each in 360.0 * np.eye(3)],
+        [turn(degrees, sensitivity=0.0) for degrees in 360.0 * np.eye(3)],
         TurnsStatus.SINGULAR,
         None,
     ),
 ]
 
 
-@pytest.mark.parametrize(("what", "turns", "status", "at_fault"), TURNED, ids=[each[0] for each in TURNED])
+@pytest.mark.parametrize(("condition", "turns", "status", "at_fault"), TURNED, ids=[row[0] for row in TURNED])
 def test_turns_are_fitted_or_refused_by_name(
-    board: Board, what: str, turns: list[GyroscopeTurn], status: TurnsStatus, at_fault: int | None
+    board: Board, condition: str, turns: list[GyroscopeTurn], status: TurnsStatus, at_fault: int | None
 ) -> None:
     fit = board.session.request(FitGyroscope(turns)).fit
-    assert (fit.status, fit.at_fault) == (status, at_fault), f"turns {what} are answered {fit.status.name}"
-    wanted = np.eye(3) / 16.0 if status is TurnsStatus.OK else np.zeros((3, 3))
-    assert np.abs(fit.matrix - wanted).max() < 1e-5
+    assert (fit.status, fit.at_fault) == (status, at_fault), f"turns {condition} are answered {fit.status.name}"
+    expected = np.eye(3) / 16.0 if status is TurnsStatus.OK else np.zeros((3, 3))
+    assert np.abs(fit.matrix - expected).max() < 1e-5
 
 
 MAGNETIC, GRAVITY = golden_pairs(300)
 LEVEL_FIELD = directions(300)
 FIRST_ACROSS = np.cross(LEVEL_FIELD, np.roll(LEVEL_FIELD, 1, axis=1))
 FIRST_ACROSS /= np.linalg.norm(FIRST_ACROSS, axis=1)[:, None]
-# Gravity across the field, turned about it by another part of a circle from pair to pair.
+# Gravity perpendicular to the field, turned about the field by 2.6 rad from pair to pair.
 ABOUT = 2.6 * np.arange(300)[:, None]
 LEVEL = np.cos(ABOUT) * FIRST_ACROSS + np.sin(ABOUT) * np.cross(LEVEL_FIELD, FIRST_ACROSS)
 PAIRS: list[tuple[str, Counts, Counts, float | None, FitStatus]] = [
@@ -377,15 +394,17 @@ PAIRS: list[tuple[str, Counts, Counts, float | None, FitStatus]] = [
 ]
 
 
-@pytest.mark.parametrize(("what", "magnetic", "gravity", "dip_deg", "status"), PAIRS, ids=[each[0] for each in PAIRS])
+@pytest.mark.parametrize(
+    ("condition", "magnetic", "gravity", "dip_deg", "status"), PAIRS, ids=[row[0] for row in PAIRS]
+)
 def test_pairs_are_fitted_or_refused_by_name(
-    board: Board, what: str, magnetic: Counts, gravity: Counts, dip_deg: float | None, status: FitStatus
+    board: Board, condition: str, magnetic: Counts, gravity: Counts, dip_deg: float | None, status: FitStatus
 ) -> None:
     slot = board.identity.slots - 1
     board.session.request(ClearCalibration(slot))
     upload_pairs(board, magnetic, gravity)
     reply = board.session.request(FitDpi(len(magnetic), slot, dip_deg=dip_deg))
-    assert reply.fit is status, f"pairs {what} are answered {reply.fit.name}"
+    assert reply.fit is status, f"pairs {condition} are answered {reply.fit.name}"
     if status is FitStatus.ELLIPSOID:
         assert reply.dip_deg == pytest.approx(62.0, abs=0.5)  # noise of 0.008 of the field, over 300 pairs
 

@@ -1,4 +1,4 @@
-"""Heading against known angles, beside the quality of the fit: the second does not imply the first."""
+"""Heading against known angles, and the quality of each fit: a good fit does not imply a right heading."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from hiltest.world import EarthField
 
 pytestmark = pytest.mark.hil
 
-# The limit of a calibrator that the rig does not name: the thesis' goal for a compass heading.
-# A measurement under [information] has no limit.
+# Limit for calibrators without a limit in the rig: the thesis' goal for a compass heading. Measurements under
+# [information] have no limit.
 GOAL = Limit(max=2.0)
-# Limit of headings that are computed from the field and the calibration that firmware reports: beyond it, these do not
-# belong to the heading that it reports. A field in whole uT is wrong by 2 degrees, exchanged numbers by more than 7.
-TOGETHER = Limit(max=5.0)
-# Largest bias beyond what is not known of the mounting, or of angles that a hand sets [deg]; the shipped rigs allow the
-# same. What is measured up to here is then proven to be within the limit.
+# Limit for headings that are computed from the field and the calibration that the firmware reports. A larger error
+# means that they do not match its reported heading: a field in whole uT errs by 2 degrees, exchanged numbers by over 7.
+CONSISTENT = Limit(max=5.0)
+# Bias allowed beyond the uncertainty of the mounting or of hand-set angles [deg], as in the shipped rigs. A bias up to
+# this value is within the limit despite that uncertainty.
 BIAS_BEYOND_MOUNTING_DEG = 0.5
 
 
@@ -85,7 +85,7 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
 def test_heading_at_known_angles(
     known_angles: KnownAngles, rig: Rig, measure: Measure, request: pytest.FixtureRequest
 ) -> None:
-    # What a limit of the whole error means rests on a declared mounting; a centred error does without.
+    # The mounting turns every heading, so only a centred error can be checked without a declared mounting.
     missing = known_angles.not_measured
     not_checked = missing or ("" if rig.mounting else "the rig declares no mounting")
     for source in known_angles.heading_deg:
@@ -95,11 +95,11 @@ def test_heading_at_known_angles(
         if isinstance(known_angles, RequestedAngles):
             limit = limits_of_calibration(source, request.getfixturevalue("calibrations"), rig)
         else:
-            limit = {"max": GOAL if source == FIRMWARE else TOGETHER}
-        limit = {name: most for name, most in limit.items() if f"heading.{source}.{name}" not in rig.information}
+            limit = {"max": GOAL if source == FIRMWARE else CONSISTENT}
+        limit = {name: range_ for name, range_ in limit.items() if f"heading.{source}.{name}" not in rig.information}
         measure(f"heading.{source}.max", errors.max_deg, "deg", limit=limit.get("max"), not_checked=not_checked)
         measure(f"heading.{source}.rms", errors.rms_deg, "deg", not_checked=not_checked)
-        bias_deg, centred_deg = or_nan(errors.bias_deg), or_nan(errors.max_centred_deg)
+        bias_deg, centred_deg = value_or_nan(errors.bias_deg), value_or_nan(errors.max_centred_deg)
         measure(f"heading.{source}.bias", bias_deg, "deg", limit=limit.get("bias"), not_checked=not_checked)
         measure(
             f"heading.{source}.max_centred", centred_deg, "deg", limit=limit.get("max_centred"), not_checked=missing
@@ -120,9 +120,9 @@ def test_heading_at_known_angles(
 
 
 def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig: Rig) -> dict[str, Limit]:
-    """Return the limits of a calibration whose measurements the rig does not limit.
+    """Return the default limits of a calibration.
 
-    A streaming calibrator has only the limits of the rig: its accuracy depends on the points so far.
+    A streaming calibrator has none, because its accuracy depends on the points so far.
     """
     if name not in calibrations and name not in (DPI, CALIBRATION_FILE):
         return {}
@@ -132,7 +132,7 @@ def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig
 
 
 def table_of_poses(known_angles: KnownAngles) -> tuple[str, dict[str, str], list[list[object]]]:
-    """Return the table of headings at each pose: its name, its columns with their units, and its rows."""
+    """Return the table of headings at each pose: name, units of the columns, and rows."""
     columns: dict[str, tuple[str, list[object]]] = {
         "heading": ("deg", [pose.heading_deg for pose in known_angles.poses]),
         "pitch": ("deg", [pose.pitch_deg for pose in known_angles.poses]),
@@ -161,21 +161,21 @@ def table_of_expected_errors(bounds: dict[str, HeadingBound]) -> tuple[str, dict
 
 
 def record_evidence(known_angles: RequestedAngles, rig: Rig, measure: Measure) -> None:
-    """Record the tables that the causes of a wrong heading are found from."""
-    # Another firmware's headings can be computed from these: the same readings, without noise between the two.
+    """Record the tables from which the causes of a wrong heading are determined."""
+    # Another firmware's headings can be computed from the same readings, so that noise does not differ.
     measure.table(
         "heading.means",
         {f"{sensor}_{axis}": "count" for sensor in ("magnetometer", "accelerometer") for axis in "xyz"},
         np.hstack([known_angles.magnetometer, known_angles.accelerometer]).tolist(),
     )
-    # The true field and gravity at each pose, and the calibrations that the board applies to its readings.
+    # True field and gravity at each pose, and the calibrations that the board applied.
     field = EarthField(rig.field.strength_ut, rig.field.dip_deg)
-    known = known_angles.in_body(field.ned_ut), known_angles.in_body((0.0, 0.0, 1.0))
+    true_vectors = known_angles.rotate_to_body(field.ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
     units = {"field": "uT", "gravity": "g"}
     measure.table(
         "heading.known",
         {f"{vector}_{axis}": unit for vector, unit in units.items() for axis in "xyz"},
-        np.hstack(known).tolist(),
+        np.hstack(true_vectors).tolist(),
     )
     measure.table(
         "heading.calibrations",
@@ -227,10 +227,10 @@ def test_heading_without_calibration(uncalibrated_angles: tuple[KnownAngles, str
 
 
 def matrix(name: str, unit: str) -> dict[str, str]:
-    """Return the columns of a matrix in a table, by rows."""
+    """Return the column names and units of a matrix, row by row."""
     return {f"{name}_{row}{column}": unit for row in "xyz" for column in "xyz"}
 
 
-def or_nan(value: float | None) -> float:
-    """Errors that cancel all round have no mean: that is a failure, not something left out."""
+def value_or_nan(value: float | None) -> float:
+    """Return NaN, which fails a limit, if the errors have no mean because they are spread around the circle."""
     return math.nan if value is None else value

@@ -1,4 +1,4 @@
-"""Identity: the firmware, its calibrators and the sensors that answer."""
+"""Identity: firmware, calibrators and sensors."""
 
 from __future__ import annotations
 
@@ -26,5 +26,7 @@ def test_the_core_runs_at_its_full_clock(board: Board, measure: Measure) -> None
 
 
 def test_every_sensor_that_answers_is_the_part_it_should_be(board: Board) -> None:
-    wrong = [each.name for each in board.sensors if each.present and each.seen_who_am_i != each.expected_who_am_i]
+    wrong = [
+        sensor.name for sensor in board.sensors if sensor.present and sensor.seen_who_am_i != sensor.expected_who_am_i
+    ]
     assert not wrong, f"another part answers at the address of {', '.join(wrong)}"

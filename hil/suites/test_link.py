@@ -1,4 +1,4 @@
-"""Link: payloads arrive whole, damage is dropped and counted, nothing is done twice."""
+"""Link: payloads arrive whole, damaged frames are dropped and counted, and no request is executed twice."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ pytestmark = pytest.mark.hil
 def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
     check = check_link(board)
     uncounted = check.damaged_sent - check.damaged_counted
-    # What is wrong ten times in a row is the firmware's. What was right in the end is not evaluated on a line that
-    # spoils frames, and neither is what the UART counts: bytes that came too fast, and bytes that came spoilt.
+    # A payload that is wrong ten times in a row is the firmware's fault. Repeated payloads and overruns of the UART are
+    # not evaluated if the line itself damages frames.
     measure("link.echoed", check.echoed, "", limit=Limit(min=check.expected), not_checked=check.noise)
     measure("link.damaged_uncounted", uncounted, "", limit=Limit(min=0, max=0))
     measure("link.damaged_answered", check.damaged_answered, "", limit=Limit(max=0))
@@ -27,6 +27,6 @@ def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
 
 
 def test_no_request_needed_a_second_attempt(board: Board, measure: Measure) -> None:
-    # On a cable it may happen, and the answer is still right; on a virtual board it may not.
+    # A cable may lose a frame, and the repeated request gets a right answer; a virtual line loses none.
     limit = Limit(max=0) if board.line_is_exact else None
     measure("link.retried", board.session.retried, "", limit=limit)

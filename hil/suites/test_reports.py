@@ -1,4 +1,4 @@
-"""Firmware that reports its heading by itself: what it reports of its sensors, of its errors and of its calibration."""
+"""Firmware that reports its heading by itself: its reports about sensors, errors and calibration."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from hiltest.text import join_words
 
 pytestmark = pytest.mark.hil
 
-# Mistaken units make a factor of ten and more, and steel in a building changes the field by less than half.
+# A wrong unit changes the field by a factor of ten or more, steel in a building by less than half.
 SAME_UNIT = 2.0
-# Calibrators of hiltest's own firmware that are shown beside; with fewer samples there is no ellipsoid.
-OURS = ("direct", "corrected", "iterative")
+# Calibrators of hiltest's own firmware for comparison, and the fewest samples for an ellipsoid.
+REFERENCE_CALIBRATORS = ("direct", "corrected", "iterative")
 FEWEST_SAMPLES = 50
 
 
@@ -30,33 +30,31 @@ def test_the_firmware_calibrates_itself(
 ) -> None:
     after_s = self_calibration.calibrated_after_s
     measure("device.calibrated_after", after_s, "s", not_offered=not_reported(after_s))
-    believed, truth = known_angles.belief, board.truth
+    belief, truth = known_angles.belief, board.truth
     same_unit = Limit(min=rig.field.strength_ut / SAME_UNIT, max=rig.field.strength_ut * SAME_UNIT)
-    measure(
-        "fit.firmware.residual", believed.fit_error_percent, "%", not_offered=not_reported(believed.fit_error_percent)
-    )
+    measure("fit.firmware.residual", belief.fit_error_percent, "%", not_offered=not_reported(belief.fit_error_percent))
     measure(
         "fit.firmware.strength",
-        believed.field_strength_ut,
+        belief.field_strength_ut,
         "uT",
-        not_offered=not_reported(believed.field_strength_ut),
-        limit=None if believed.field_strength_ut is None else same_unit,
+        not_offered=not_reported(belief.field_strength_ut),
+        limit=None if belief.field_strength_ut is None else same_unit,
     )
-    measure("fit.firmware.dip", believed.dip_deg, "deg", not_offered=not_reported(believed.dip_deg))
+    measure("fit.firmware.dip", belief.dip_deg, "deg", not_offered=not_reported(belief.dip_deg))
     offset_ut = rotation_deg = None
-    if believed.fit is not None and truth is not None:
-        offset_ut = offset_error_ut(believed.fit, truth.hard_iron_ut)
-        rotation_deg = rotation_left_deg(believed.fit, truth.soft_iron)
-    measure("fit.firmware.offset_error", offset_ut, "uT", not_offered=not_reported(believed.fit))
-    measure("fit.firmware.rotation_left", rotation_deg, "deg", not_offered=not_reported(believed.fit))
+    if belief.fit is not None and truth is not None:
+        offset_ut = offset_error_ut(belief.fit, truth.hard_iron_ut)
+        rotation_deg = rotation_left_deg(belief.fit, truth.soft_iron)
+    measure("fit.firmware.offset_error", offset_ut, "uT", not_offered=not_reported(belief.fit))
+    measure("fit.firmware.rotation_left", rotation_deg, "deg", not_offered=not_reported(belief.fit))
     bias_dps = None
-    if believed.gyroscope_bias_dps is not None and truth is not None:
-        bias_dps = float(np.linalg.norm(believed.gyroscope_bias_dps - truth.gyroscope_bias_dps))
-    measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_reported(believed.gyroscope_bias_dps))
+    if belief.gyroscope_bias_dps is not None and truth is not None:
+        bias_dps = float(np.linalg.norm(belief.gyroscope_bias_dps - truth.gyroscope_bias_dps))
+    measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_reported(belief.gyroscope_bias_dps))
 
 
 def test_pitch_and_roll_at_known_angles(known_angles: ReportedAngles, board: Board, measure: Measure) -> None:
-    why = (
+    reason = (
         not_reported(known_angles.tilt_error_deg)
         if board.output.device.frame == "ned"
         else "they are other angles in other frames"
@@ -65,7 +63,7 @@ def test_pitch_and_roll_at_known_angles(known_angles: ReportedAngles, board: Boa
         "accelerometer.tilt_error",
         known_angles.tilt_error_deg,
         "deg",
-        not_offered=why,
+        not_offered=reason,
         note=known_angles.contradictions.get("tilt", ""),
     )
 
@@ -96,24 +94,24 @@ def test_cycles_of_the_functions_that_the_rig_names(
         pytest.skip("this board does not execute the firmware where it could be seen")
     model = board.cycle_model
     for name, calls in board.costs.calls().items():
-        why = calls.refusal or ("" if calls.calls else f"{calls.function} was not called")
+        reason = calls.refusal or ("" if calls.calls else f"{calls.function} was not called")
         note = f"it ends in {', '.join(calls.ended_in)}" if calls.ended_in else ""
         measure(f"cycles.{name}.calls", calls.calls, "", note=note)
-        for what, cycles in (("least", calls.least), ("median", calls.median), ("most", calls.most)):
-            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
+        for statistic, cycles in (("least", calls.least), ("median", calls.median), ("most", calls.most)):
+            measure(f"cycles.{name}.{statistic}", cycles, "cycle", cycle_model=model, not_offered=reason)
         share = None if calls.share is None else 100.0 * calls.share
-        measure(f"cycles.{name}.share", share, "%", not_offered=why)
+        measure(f"cycles.{name}.share", share, "%", not_offered=reason)
         measure(f"cycles.{name}.interrupted", calls.interrupted, "")
     for name, solved in board.costs.solutions().items():
-        why = "" if solved.solutions else "no solution was begun and completed"
+        reason = "" if solved.solutions else "no solution was begun and completed"
         measure(f"cycles.{name}.solutions", solved.solutions, "")
-        for what, cycles in (
+        for statistic, cycles in (
             ("solution_median", solved.median),
             ("solution_most", solved.most),
             ("slice_most", solved.longest_slice),
         ):
-            measure(f"cycles.{name}.{what}", cycles, "cycle", cycle_model=model, not_offered=why)
-        measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=why)
+            measure(f"cycles.{name}.{statistic}", cycles, "cycle", cycle_model=model, not_offered=reason)
+        measure(f"cycles.{name}.slices", solved.most_slices, "", not_offered=reason)
     if (latest := board.costs.latest_solution()) is not None:
         measure(
             "cycles.calibrated.total",
@@ -135,14 +133,14 @@ def test_cycles_of_the_functions_that_the_rig_names(
 
 
 def test_our_calibrators_on_the_same_samples(
-    known_angles: ReportedAngles, board: Board, our_board: Board, measure: Measure
+    known_angles: ReportedAngles, board: Board, reference_board: Board, measure: Measure
 ) -> None:
     points = samples_of(board)
     if len(points) < FEWEST_SAMPLES or board.costs is None:
         pytest.skip("the firmware does not show the samples that it calibrated itself from, or its cycles are not seen")
-    upload_points(our_board, points.astype(np.int16))
-    for name in OURS:
-        fit, cost = calibrate_once(our_board, name, len(points))
+    upload_points(reference_board, points.astype(np.int16))
+    for name in REFERENCE_CALIBRATORS:
+        fit, cost = calibrate_once(reference_board, name, len(points))
         errors = known_angles.under(fit) if fit.has_fit else None
         if errors is None or cost is None:
             continue
@@ -152,12 +150,12 @@ def test_our_calibrators_on_the_same_samples(
             f"cycles.{name}.total",
             cost.cycles,
             "cycle",
-            cycle_model=our_board.cycle_model,
-            band=our_board.cycle_range(cost, name),
+            cycle_model=reference_board.cycle_model,
+            band=reference_board.cycle_range(cost, name),
             note=f"the same {len(points)} samples",
         )
 
 
 def not_reported(value: object) -> str:
-    """Return why there is no number."""
+    """Return the reason for a missing value."""
     return "" if value is not None else "the firmware does not say it"

@@ -1,4 +1,4 @@
-"""Sensors, where the truth is known: noise, temperature, axes, lost samples, and the gyroscope's bias and samples."""
+"""Sensors of a simulated bench: noise, temperature, axes, lost samples, and the gyroscope's bias and samples."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from hiltest.rig import COUNTS_PER_UT, Rig
 
 pytestmark = pytest.mark.hil
 
-SIGMAS = 4.5  # a few dozen comparisons a run: beyond it once in 3000 runs
+SIGMAS = 4.5  # with a few dozen comparisons per run, one run in 3000 exceeds it
 PAIRS = 60
 LARGE = 320
-LONGEST_US = 6_000_000  # for so many readings at 80 Hz, 4 s
+LONGEST_US = 6_000_000  # LARGE readings at 80 Hz take 4 s
 ROUNDING_COUNTS = math.sqrt(1.0 / 12.0)
-# 14 bits in steps of four counts.
+# The 14 bits arrive in steps of four counts.
 ACCELEROMETER_ROUNDING_COUNTS = 4.0 * ROUNDING_COUNTS
 WARM_UP_S = 30.0
-OFFSET_WORD = 600  # 30 uT of a MAG3110, whose word is twice its counts
+OFFSET_WORD = 600  # 30 uT for a MAG3110, whose offset word is twice its counts
 
 
 @pytest.fixture(scope="module")
 def stage(board: Board, turntable: Turntable) -> Stage:
-    """The simulated table with the resting board."""
+    """Simulated table with the resting board."""
     if board.stage is None:
         pytest.skip("the truth of this bench is not known")
     turntable.rest()
@@ -76,7 +76,7 @@ def test_a_spread_far_from_zero_is_that_at_rest(board: Board, stage: Stage) -> N
     board.sleep(takes_s)
     assert rest.rate.spread is not None
     assert np.abs(turning.rate.mean).max() > 300.0 / DPS_PER_COUNT
-    # Squares of thousands of counts: their sum has more digits than a float32.
+    # The sum of squares of thousands of counts has more digits than a float32.
     assert turning.rate.spread is not None, "the spread of a fast turn is not a number"
     ratio = turning.rate.spread / rest.rate.spread
     assert np.abs(ratio - 1.0).max() < 0.5, f"the gyroscope's spread in a fast turn is {ratio} times that at rest"
@@ -101,7 +101,7 @@ def test_temperature_is_the_worlds_and_follows_it(board: Board, stage: Stage) ->
 
 def test_every_magnetometer_has_the_bodys_axes(board: Board, stage: Stage, rig: Rig) -> None:
     poses = (Pose(0.0, 0.0, 0.0), Pose(90.0, 0.0, 0.0), Pose(0.0, 0.0, 90.0))
-    magnetometers = [each for each in board.sensors if each.kind is SensorKind.MAGNETOMETER and each.present]
+    magnetometers = [sensor for sensor in board.sensors if sensor.kind is SensorKind.MAGNETOMETER and sensor.present]
     fields = []
     for pose in poses:
         stage.turn_to(pose)
@@ -110,9 +110,10 @@ def test_every_magnetometer_has_the_bodys_axes(board: Board, stage: Stage, rig: 
     stage.turn_to(poses[0])
     changes = np.diff(np.array(fields), axis=0)
     for index, sensor in enumerate(magnetometers):
-        # The same field turns through each part; their soft iron and noise differ by less than a tenth of it.
-        off_ut = np.abs(changes[:, index] - changes[:, 0]).max()
-        assert off_ut < 0.1 * rig.field.strength_ut, f"axes of {sensor.name}: {changes[:, index]} of {changes[:, 0]} uT"
+        # All parts see the same field turn; soft iron and noise of the parts differ by less than a tenth of the field.
+        error_ut = np.abs(changes[:, index] - changes[:, 0]).max()
+        limit_ut = 0.1 * rig.field.strength_ut
+        assert error_ut < limit_ut, f"axes of {sensor.name}: {changes[:, index]}, not {changes[:, 0]} uT"
 
 
 def test_the_gyroscope_has_the_bodys_axes(board: Board, stage: Stage, rig: Rig) -> None:
@@ -122,7 +123,7 @@ def test_the_gyroscope_has_the_bodys_axes(board: Board, stage: Stage, rig: Rig) 
         pytest.skip("the bias of this world's gyroscope drifts")
     mean_dps = rest_gyroscope(board, seconds=1.0).rate.mean * DPS_PER_COUNT
     true_dps = board.truth.gyroscope_bias_dps
-    # Each axis has a bias of its own. The noise of the mean is 0.02 deg/s.
+    # Each axis has a different bias. The noise of the mean is 0.02 deg/s.
     assert np.abs(mean_dps - true_dps).max() < 0.1, f"at rest the gyroscope reads {mean_dps}, its biases are {true_dps}"
 
 
@@ -137,22 +138,22 @@ def test_offsets_that_an_earlier_firmware_left_in_the_sensors_do_not_enter(board
     stage.write_sensor(accelerometer.bus, accelerometer.address, 0x2A, 0x00)  # offsets change in standby
     for axis in range(3):
         stage.write_sensor(accelerometer.bus, accelerometer.address, 0x2F + axis, 20)  # 40 mg
-    for each in (magnetometer, accelerometer):
-        board.session.request(Select(each.sensor_id))
+    for sensor in (magnetometer, accelerometer):
+        board.session.request(Select(sensor.sensor_id))
     after = board.session.request(Average(32))
-    for name, most in (("magnetometer", 1.0 * COUNTS_PER_UT), ("accelerometer", 5e-3 / G_PER_COUNT)):
+    for name, limit in (("magnetometer", 1.0 * COUNTS_PER_UT), ("accelerometer", 5e-3 / G_PER_COUNT)):
         moved = np.abs(getattr(after, name).mean - getattr(before, name).mean).max()
-        assert moved < most, f"offsets in the {name}'s registers move its mean by {moved:.0f} counts"
+        assert moved < limit, f"offsets in the {name}'s registers move its mean by {moved:.0f} counts"
 
 
 def test_samples_that_were_overwritten_are_counted(board: Board, stage: Stage) -> None:
     accelerometer = board.sensor(SensorKind.ACCELEROMETER)
-    # Behind the firmware's back at 800 Hz: of four samples it finds the last.
+    # The part is set to 800 Hz without the firmware's knowledge, so the firmware reads one sample of four.
     for value in (0x00, 0x01):
         stage.write_sensor(accelerometer.bus, accelerometer.address, 0x2A, value)
     overruns = board.session.request(Average(32)).overruns
     board.session.request(Select(accelerometer.sensor_id))
-    assert overruns >= 16, f"{overruns} overwritten samples were counted of 32 readings at four times the rate"
+    assert overruns >= 16, f"{overruns} overwritten samples were counted in 32 readings at four times the rate"
     assert board.session.request(Average(32)).overruns == 0
 
 
@@ -166,18 +167,18 @@ def test_samples_that_the_fifo_lost_are_told(board: Board, stage: Stage) -> None
 
 def test_a_turn_has_its_first_and_last_samples_apart(board: Board, stage: Stage) -> None:
     board.sensor(SensorKind.GYROSCOPE)
-    turn = board.session.request(IntegrateGyroscope(2 * EDGE_SAMPLES))  # of so many, either half is an edge
-    together = turn.begin + turn.end
-    assert np.array_equal(together, turn.total), f"the two halves sum to {together}, all samples to {turn.total}"
+    turn = board.session.request(IntegrateGyroscope(2 * EDGE_SAMPLES))  # both edges together are all samples
+    edges = turn.begin + turn.end
+    assert np.array_equal(edges, turn.total), f"the two halves sum to {edges}, all samples to {turn.total}"
 
 
 def test_every_sample_of_a_burst_is_another(board: Board, stage: Stage) -> None:
     board.sensor(SensorKind.GYROSCOPE)
     samples = board.session.request(LogGyroscope(120)).samples
-    # With 4 counts rms two samples agree on all axes once in 3000; a part of less noise than a count more often.
+    # With 4 counts rms, one sample in 3000 equals the one before on all axes; with less than a count, more do.
     same = float((np.diff(samples, axis=0) == 0).all(axis=1).mean())
     expected = (1.0 / math.hypot(1.0, 2.0 * math.sqrt(math.pi) * noise_counts(board))) ** 3
-    assert same < max(0.05, 3.0 * expected), f"{same:.0%} of the gyroscope's samples repeat the one before"
+    assert same < max(0.05, 3.0 * expected), f"{same:.0%} of the gyroscope's samples equal the one before"
 
 
 def test_the_gyroscopes_scale_is_the_data_sheets_or_was_calibrated(board: Board, stage: Stage) -> None:
@@ -190,17 +191,17 @@ def test_the_gyroscopes_scale_is_the_data_sheets_or_was_calibrated(board: Board,
 def test_a_moving_board_gives_no_bias(board: Board, stage: Stage) -> None:
     board.sensor(SensorKind.GYROSCOPE)
     rest_gyroscope(board, seconds=1.0, store=True)
-    kept = board.session.request(GetGyroscope()).bias
+    stored = board.session.request(GetGyroscope()).bias
     stage.turn_round(90.0, rate_dps=90.0, after_s=0.5)
     moved = board.session.request(GyroscopeRest(400, True, noise_counts(board)))
     assert moved.stillness.kind is not StillnessKind.STILL
-    assert np.array_equal(board.session.request(GetGyroscope()).bias, kept), "a bias was stored while the board moved"
+    assert np.array_equal(board.session.request(GetGyroscope()).bias, stored), "a bias was stored while the board moved"
     board.sleep(2.0)
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """What the fusion filter made of a turn, in seconds and degrees."""
+    """Results of the fusion filter for a turn."""
 
     seconds: float
     began: Pose
@@ -210,7 +211,7 @@ class Filtered:
 
 
 def run_filter(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> Filtered:
-    """Run the fusion filter at rest, or through a turn: its attitude by the gyroscope alone, and by the field."""
+    """Run the fusion filter at rest or during a turn; return attitudes by the gyroscope alone, and by the field."""
     slot = board.identity.slots - 1
     board.session.request(SetCalibration(slot, np.eye(3) / (rig.field.strength_ut * COUNTS_PER_UT), np.zeros(3)))
     board.session.request(FusionStart(slot, 8, 16, 0.025, 1.0, 2.0, 0.1))
@@ -220,22 +221,26 @@ def run_filter(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> Filtere
     answered = board.session.request(Average(16, 1 << slot)).headings[slot].attitude
     board.session.request(ClearCalibration(slot))
     assert answered is not None
-    poses = (pose_of(normalised(each[0])) for each in (first.turned, last.turned, last.measured))
+    poses = (pose_of(normalised(attitudes[0])) for attitudes in (first.turned, last.turned, last.measured))
     return Filtered(1e-6 * float(last.time_us[0]), *poses, answered)
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0])
 def test_the_gyroscopes_bias_is_taken_off_its_rates(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> None:
-    for _ in range(2):  # each bias replaces the one before
+    for _ in range(2):  # the second bias replaces the first
         rest_gyroscope(board, seconds=1.0, store=True)
-    found = run_filter(board, stage, rig, turn_deg)
-    began, ended = found.began, found.ended
+    filtered = run_filter(board, stage, rig, turn_deg)
+    began, ended = filtered.began, filtered.ended
     turned = wrap_180(ended.heading_deg - began.heading_deg - turn_deg)
     tilted = math.hypot(ended.pitch_deg - began.pitch_deg, ended.roll_deg - began.roll_deg)
-    # Noise of the two means alone: 0.02 deg/s. Of a quarter turn the part's scale and axes may miss 5 %.
-    most = 0.1 * found.seconds + 0.05 * turn_deg
-    assert abs(turned) < most, f"by the gyroscope the heading drifts by {turned:.2f} degrees in {found.seconds:.1f} s"
-    assert tilted < most, f"by the gyroscope the tilt drifts by {tilted:.2f} degrees in {found.seconds:.1f} s"
-    # The same field and gravity, a moment later: a single reading's noise beside that of 16.
-    off = wrap_180(found.measured.heading_deg - found.answered.heading_deg)
-    assert abs(off) < 10.0, f"the filter measures a heading that is {off:.1f} degrees off the answered one"
+    # The noise of both means is 0.02 deg/s; scale and axes of the part may change a quarter turn by 5 %.
+    limit = 0.1 * filtered.seconds + 0.05 * turn_deg
+    assert abs(turned) < limit, (
+        f"by the gyroscope the heading drifts by {turned:.2f} degrees in {filtered.seconds:.1f} s"
+    )
+    assert tilted < limit, f"by the gyroscope the tilt drifts by {tilted:.2f} degrees in {filtered.seconds:.1f} s"
+    # Field and gravity are the same; the difference is the noise of a single reading and of a mean of 16.
+    difference = wrap_180(filtered.measured.heading_deg - filtered.answered.heading_deg)
+    assert abs(difference) < 10.0, (
+        f"the filter measures a heading that is {difference:.1f} degrees off the answered one"
+    )

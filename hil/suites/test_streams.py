@@ -1,4 +1,4 @@
-"""Streaming calibrators: cycles per point, and accuracy versus points received."""
+"""Streaming calibrators: cycles per point, and accuracy over received points."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ pytestmark = pytest.mark.hil
 
 def test_cost_of_a_new_point(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:
     for name, run in streams.items():
-        each = run.cycles if run.cycles is not None and len(run.cycles) else None
-        for what, number in (("mean", np.mean), ("median", np.median), ("max", np.max)):
-            cycles = None if each is None else float(number(each))
-            measure(f"stream.{name}.cycles_{what}", cycles, "cycle", cycle_model=board.cycle_model)
+        point_cycles = run.cycles if run.cycles is not None and len(run.cycles) else None
+        for statistic, function in (("mean", np.mean), ("median", np.median), ("max", np.max)):
+            cycles = None if point_cycles is None else float(function(point_cycles))
+            measure(f"stream.{name}.cycles_{statistic}", cycles, "cycle", cycle_model=board.cycle_model)
         cycles = run.last.state.cost and run.last.state.cost.cycles
         measure(f"stream.{name}.total", run.total, "cycle", cycle_model=board.cycle_model, band=run.total_range)
         measure(f"stream.{name}.fit_cycles", cycles, "cycle", cycle_model=board.cycle_model, band=run.fit_range)
@@ -27,9 +27,9 @@ def test_cost_of_a_new_point(board: Board, streams: dict[str, StreamRun], measur
 def test_cost_of_a_point_taken_back(board: Board, streams: dict[str, StreamRun], measure: Measure) -> None:
     for name, run in streams.items():
         if run.remove_cycles is not None:
-            for what, number in (("mean", np.mean), ("max", np.max)):
-                cycles = float(number(run.remove_cycles))
-                measure(f"stream.{name}.remove_{what}", cycles, "cycle", cycle_model=board.cycle_model)
+            for statistic, function in (("mean", np.mean), ("max", np.max)):
+                cycles = float(function(run.remove_cycles))
+                measure(f"stream.{name}.remove_{statistic}", cycles, "cycle", cycle_model=board.cycle_model)
 
 
 def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure: Measure) -> None:
@@ -42,8 +42,8 @@ def test_points_held_and_tier_at_the_end(streams: dict[str, StreamRun], measure:
 def test_what_is_known_on_the_way(
     known_angles: RequestedAngles, streams: dict[str, StreamRun], accelerometer_fit: AccelerometerFit, measure: Measure
 ) -> None:
-    # Headings by the host, in float64, from the means that the board took: the stages outnumber its slots. The last
-    # stage is in a slot too, and what the board answered under it is heading.<name>.max.
+    # The host computes these headings in float64 from the board's means, because there are more stages than slots. The
+    # last stage is in a slot too: heading.<name>.max is the board's own answer for it.
     rows = []
     for name, run in streams.items():
         for stage in run.stages:

@@ -1,4 +1,4 @@
-"""The most cycles that a search has found: each input that is kept here again. Points of the board are replaced."""
+"""Worst cases: the inputs in `worst`, found by searches, are measured again. The board's points are replaced."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from hiltest.virtual.profiling.arguments import parse_argument
 
 pytestmark = pytest.mark.hil
 
-KEPT = Path(__file__).with_name("worst")
+WORST_CASES = Path(__file__).with_name("worst")
 
 
 def measure_points(case: WorstCase, board: Board, measure: Measure) -> None:
-    """Calibrate from the points that are kept, as any points are calibrated from."""
+    """Calibrate from the points of a worst case, and record the cycles."""
     upload_points(board, case.counts)
     reply = board.timed(Calibrate(len(case.points), case.function), case.function)
     if reply.cost is None:
@@ -39,11 +39,13 @@ def measure_points(case: WorstCase, board: Board, measure: Measure) -> None:
     )
 
 
-def test_the_worst_cases_that_were_found(board: Board, judged: list[str], cycles: Cycles, measure: Measure) -> None:
-    for file in sorted(KEPT.glob("*.json")):
+def test_the_worst_cases_that_were_found(
+    board: Board, tested_calibrators: list[str], cycles: Cycles, measure: Measure
+) -> None:
+    for file in sorted(WORST_CASES.glob("*.json")):
         case = load_worst_case(file)
-        if case.function in judged:
+        if case.function in tested_calibrators:
             measure_points(case, board, measure)
         elif case.arguments and board.executes_firmware:
-            counted = cycles().call(case.function, *map(parse_argument, case.arguments))
-            measure(f"cycles.{case.function}.worst_found", counted, note=f"found in {case.calls} calls")
+            profile = cycles().call(case.function, *map(parse_argument, case.arguments))
+            measure(f"cycles.{case.function}.worst_found", profile, note=f"found in {case.calls} calls")

@@ -37,28 +37,31 @@ Document = TypeVar("Document")
 
 @dataclass(frozen=True, slots=True)
 class JsonFile:
-    """Text of a JSON file, and its parsed content."""
+    """Text of a JSON document, its parsed content, and its file."""
 
     path: Path
     text: bytes
     content: Any
+    sha256: str
+    """Digest of the file as it was read."""
 
     @property
     def schema(self) -> object:
-        """The schema that the file names, if any."""
+        """The schema that the document names, if any."""
         return self.content.get("schema") if isinstance(self.content, dict) else None
 
-    @property
-    def sha256(self) -> str:
-        """Digest of the file."""
-        return sha256(self.text).hexdigest()
+    def has_family(self, schema: str) -> bool:
+        """Return whether the document's schema is some version of a schema."""
+        return str(self.schema).partition("/")[0] == schema.partition("/")[0]
 
 
-def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES) -> JsonFile:
+def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES, in_lines: bool = False) -> JsonFile:
     """Read and parse one JSON file.
 
     Parameters
     ----------
+    in_lines
+        True for a file with one object per line, as of `parse_json_lines`.
     otherwise
         Remedy if it is refused; it ends the message.
     largest_bytes
@@ -71,7 +74,7 @@ def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES)
     """
     text = read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise)
     try:
-        return JsonFile(path, text, parse_json(text))
+        return JsonFile(path, text, parse_json_lines(text) if in_lines else parse_json(text), sha256(text).hexdigest())
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
 
@@ -229,6 +232,26 @@ def parse_json(text: str | bytes) -> Any:
     if _is_deeper_than(parsed, DEEPEST):
         raise ValueError(f"nested more than {DEEPEST} levels deep")
     return parsed
+
+
+def parse_json_lines(text: bytes) -> list[dict[str, Any]]:
+    """Parse a file with one JSON object per line; a last line without its end is ignored, since it may be half written.
+
+    Raises
+    ------
+    ValueError
+        If a line is no object in the sense of `parse_json`; the message has the number of the line.
+    """
+    entries: list[dict[str, Any]] = []
+    for number, line in enumerate(text.split(b"\n")[:-1], 1):
+        try:
+            entry = parse_json(line)
+        except ValueError as error:
+            raise ValueError(f"line {number} is damaged: {error}") from error
+        if not isinstance(entry, dict):
+            raise ValueError(f"line {number} is damaged: {shown(entry)} is no object")
+        entries.append(entry)
+    return entries
 
 
 def _refuse_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:

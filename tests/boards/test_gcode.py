@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hiltest.boards.gcode import GcodeBlock, GcodeError, Modals, Refusal, read_block
 
@@ -68,11 +64,3 @@ def test_a_feed_move_without_a_feed_rate_is_refused() -> None:
     with pytest.raises(GcodeError) as caught:
         read_block("X1", Modals(motion=80))
     assert caught.value.number is Refusal.AXES_WITHOUT_MOTION
-
-
-@given(st.text(st.characters(min_codepoint=0x21, max_codepoint=0x7E), max_size=80))
-def test_any_line_is_a_block_or_an_error(line: str) -> None:
-    axes: dict[str, float] = {}
-    with contextlib.suppress(GcodeError):  # anything else would be a crash
-        axes = read_block(line.upper(), Modals()).axes
-    assert set(axes) <= set("XYZ")

@@ -341,13 +341,13 @@ def test_a_fault_is_shown_before_it_ends_the_firmware(debugged: Debugged) -> Non
     with started(debugged) as client:
         client.ask(b"M%x,4:02000000" % debugged.at["beyond"])
         console = client.ask(b"c")
-        assert b"hang: a loop to itself" in bytes.fromhex(console[1:].decode())
+        assert b"hang: a branch to itself" in bytes.fromhex(console[1:].decode())
         assert client.receive() == b"T0bthread:1;"
         assert debugged.error is None
         client.send(b"c")
         debugged.ended()
         assert isinstance(debugged.error, BoardFault)
-        assert "loop to itself" in debugged.error.cause
+        assert "branch to itself" in debugged.error.cause
 
 
 def test_a_bkpt_instruction_halts_and_is_gone_on_from(debugged: Debugged) -> None:

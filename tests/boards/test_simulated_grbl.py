@@ -66,7 +66,7 @@ class Table:
 
     @property
     def board(self) -> Pose:
-        return self.bench.world.at(self.bench.time_s).pose
+        return self.bench.world.state_at(self.bench.time_s).pose
 
 
 @pytest.fixture
@@ -213,7 +213,7 @@ def test_moves_one_after_the_other_give_the_world_a_smooth_attitude(table: Table
             table.send("!")
         if count == 3_000:
             table.send("~")
-        states.append(table.bench.world.at(table.bench.time_s))
+        states.append(table.bench.world.state_at(table.bench.time_s))
     assert table.status() == ("Idle", (0.0, 0.0, 0.0))
     for before, after in pairwise(states):
         # Between two looks the field turns by no more than the rates say, and the rates themselves

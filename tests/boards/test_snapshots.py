@@ -158,19 +158,19 @@ def test_a_snapshot_is_refused_while_a_request_is_on_the_line(default_bench: Vir
 def test_a_snapshot_and_a_restore_are_refused_while_somebody_waits_for_the_board(default_bench: VirtualBench) -> None:
     machine, snapshot = default_bench.machine, default_bench.snapshot()
     for refused in (default_bench.snapshot, lambda: default_bench.restore(snapshot)):
-        with pytest.raises(SnapshotError, match="a request is open: the board runs"):
+        with pytest.raises(SnapshotError, match="the board is running"):
             machine.run_until(machine.time_s + 0.1, wake=refused)  # type: ignore[arg-type]
     default_bench.snapshot()
 
 
 def test_a_snapshot_of_another_board_is_refused(default_bench: VirtualBench) -> None:
-    with pytest.raises(SnapshotError, match="the snapshot is of another board"):
+    with pytest.raises(SnapshotError, match="the snapshot belongs to another board"):
         default_bench.restore(bench_of("virtual-k64f").snapshot())
 
 
 def test_a_board_whose_flash_a_file_holds_has_no_snapshot(tmp_path: Path) -> None:
     board = VirtualK64F(default_firmware(), flash_file=tmp_path / "flash.bin")
-    with pytest.raises(SnapshotError, match=r"flash\.bin holds the board's flash"):
+    with pytest.raises(SnapshotError, match=r"flash\.bin stores the board's flash"):
         board.snapshot()
     assert issubclass(SnapshotError, BenchError)
 

@@ -171,7 +171,7 @@ def verdicts(measured: MeasuredProfile) -> dict[str, str]:
 
 
 BEHIND_CMP = "load_compare_and_three"
-BOTH_BEHIND_CMP = "it cannot be told: none waits behind the CMP, or one of the three waits"
+BOTH_BEHIND_CMP = "undecided: none waits after the CMP, or one of the three waits"
 
 
 @pytest.mark.parametrize(
@@ -180,11 +180,11 @@ BOTH_BEHIND_CMP = "it cannot be told: none waits behind the CMP, or one of the t
         ({"fetch_late": 0}, {"load_and_three": "none waits", "pair_and_three": "none waits"}),
         ({"fetch_late_integer": 1}, {"integers_misplaced": "one in three waits", BEHIND_CMP: BOTH_BEHIND_CMP}),
         ({"fetch_late_fp": 0}, {"fp_misplaced": "none waits"}),
-        ({"target_misplaced": 0}, {"loop_misplaced": "the branch to it waits for nothing"}),
+        ({"target_misplaced": 0}, {"loop_misplaced": "the branch to it does not wait"}),
         ({"return_misplaced": 1}, {"calls_misplaced": "the return takes one more"}),
-        ({"address_use": 0}, {"computed_address": "LDR waits for nothing"}),
-        ({"it_folded": 1}, dict.fromkeys(("compare_if_then", "if_then"), "IT takes what it takes elsewhere")),
-        ({"refill_table": 2}, {"table_branch": "it refills as other branches do"}),
+        ({"address_use": 0}, {"computed_address": "LDR does not wait"}),
+        ({"it_folded": 1}, dict.fromkeys(("compare_if_then", "if_then"), "IT takes the same time as elsewhere")),
+        ({"refill_table": 2}, {"table_branch": "its refill is that of other branches"}),
         ({"refill_table": 5}, {"table_branch": "with its refill it takes 7"}),
         ({"refill_table": 6}, {"table_branch": "with its refill it takes 8"}),
     ],
@@ -237,7 +237,7 @@ def test_of_a_board_that_fetches_every_second_one_late_no_row_is_written_that_sa
             clocks = clocks_from_sram(board)
     measured = solved(clocks)
     assert answer.items() <= verdicts(measured).items()
-    assert "none of the candidates predicts it" not in verdicts(measured).values()
+    assert "no candidate matches" not in verdicts(measured).values()
     assert {remark.split(": ")[2].split()[0] for remark in measured.remarks} == remainder
     assert not remainder & measured.rows.keys()
 
@@ -279,11 +279,11 @@ def test_a_board_whose_fetch_is_late_behind_two_bytes_too_is_told(rig: Rig, verd
     messages = {BEHIND_CMP: "one of the three waits"}
     assert verdicts(measured).items() - verdicts_by_rules.items() == messages.items()
     (remark,) = measured.remarks
-    assert remark.startswith(f"{BEHIND_CMP}: 44 clocks, one of the three waits: fetch_late cannot say so")
+    assert remark.startswith(f"{BEHIND_CMP}: 44 clocks, one of the three waits: the row fetch_late cannot express this")
     assert "fetch_late" not in measured.rows
 
 
-@pytest.mark.parametrize(("more", "says"), [(1, "a clock more a load"), (2, "two clocks more a load")])
+@pytest.mark.parametrize(("more", "says"), [(1, "one clock more per load"), (2, "two clocks more per load")])
 @pytest.mark.parametrize(("off", "name"), [(1, "one"), (2, "two"), (3, "three")])
 def test_a_board_that_takes_longer_for_data_that_are_not_aligned_is_told(
     rig: Rig, verdicts_by_rules: dict[str, str], off: int, name: str, more: int, says: str
@@ -317,10 +317,10 @@ def test_clocks_that_no_candidate_predicts_and_two_sequences_that_disagree_leave
 ) -> None:
     measured = solved(by_rules | {"fp_misplaced": 60, "pair_and_three": 40})
     assert measured.remarks == (
-        "fp_misplaced: 60 clocks, none of the candidates predicts it: fetch_late_fp cannot say so, and keeps the "
-        "base's value and range",
-        "load_and_three: 28 clocks, one of the three waits, but pair_and_three: 40 clocks, none waits: fetch_late "
-        "cannot say so, and keeps the base's value and range",
+        "fp_misplaced: 60 clocks, no candidate matches: the row fetch_late_fp cannot express this, so value and range "
+        "are the base's",
+        "load_and_three: 28 clocks, one of the three waits, but pair_and_three: 40 clocks, none waits: the row "
+        "fetch_late cannot express this, so value and range are the base's",
     )
     assert not {"fetch_late", "fetch_late_fp"} & measured.rows.keys()
 
@@ -332,7 +332,7 @@ def test_each_candidate_is_shown_with_its_clocks_and_which_one_survives(by_rules
     assert max(map(len, shown.splitlines())) <= 80
     # Of the 49 clocks of the run alone, 64 where one in three waits, the NOPs around it make four more.
     assert (
-        "fp_misplaced: 68 clocks\n    5 NOP around 48 VADD at half a word\n"
+        "fp_misplaced: 68 clocks\n    5 NOP around 48 misaligned VADD\n"
         "      53 none waits\n  >   68 one in three waits\n      76 one in two waits\n"
     ) in shown
     assert "      77 one in two waits\n    no candidate predicts it\n" in shown
@@ -404,7 +404,7 @@ def test_the_clocks_from_flash_are_shown_and_written_with_cache_and_prefetch_on_
     of_fp = " +".join(str(raw[place]["fp"]) for place in places)
     assert re.search(rf"^ ?fp +32 +{of_fp} *$", shown, re.M)
     print_places(console, dict.fromkeys(raw, raw["sram"]))
-    assert "takes the same clocks, with its cache and prefetch on and off" in console.file.getvalue()  # type: ignore[attr-defined]
+    assert "takes the same clocks, with and without cache and prefetch" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_every_row_is_solved_for_once_and_every_sequence_used() -> None:
@@ -463,14 +463,14 @@ def test_what_a_run_costs_at_its_edges_is_in_no_row(rig: Rig, clocks: dict[str, 
 def test_clocks_that_are_no_whole_number_an_instruction_widen_the_band(clocks: dict[str, int]) -> None:
     measured = solved(clocks | {"fp_stores": 48})
     assert measured.rows["fp_store"].band == (1, 2)
-    assert measured.remarks == ("fp_store: 1.500 clocks, no whole number of them: its band is 1 to 2",)
+    assert measured.remarks == ("fp_store: 1.500 clocks is not a whole number: its band is 1 to 2",)
 
 
 def test_a_rule_that_does_not_hold_is_told(clocks: dict[str, int]) -> None:
     (remark,) = solved(clocks | {"accumulate_chain": 128}).remarks
-    assert remark.startswith("accumulate_chain: 128 clocks, and the rows make 96: a rule of the model does not hold")
+    assert remark.startswith("accumulate_chain: 128 clocks, but the rows give 96: a rule of the model does not apply")
     (remark,) = solved(clocks | {"load_store_pairs": 64}).remarks
-    assert remark.startswith("load_store_pairs: 64 clocks, and the rows make 48")
+    assert remark.startswith("load_store_pairs: 64 clocks, but the rows give 48")
 
 
 @pytest.mark.parametrize(
@@ -504,7 +504,7 @@ def test_a_result_that_comes_later_than_the_model_knows_is_told_and_the_profile_
     clocks: dict[str, int], tmp_path: Path
 ) -> None:
     measured = solved(clocks | {"fp_divide_result": clocks["fp_divide_result"] + 8})
-    assert measured.remarks == ("fp_divide_use: 3 clocks behind fp_divide, where the model knows none or one",)
+    assert measured.remarks == ("fp_divide_use: 3 clocks after fp_divide, but the model allows 0 or 1",)
     (tmp_path / "measured.toml").write_text(profile_text("measured/1", measured, {}), encoding="utf-8")
     assert load_profile(str(tmp_path / "measured.toml")).rows["fp_divide_use"].value == 14
 
@@ -530,7 +530,7 @@ def test_the_command_writes_a_profile_named_after_the_board_and_shows_what_it_fo
     assert done.stdout.splitlines()[-1] == f"{name}.toml: {name}, {len(rows)} rows"
     assert {equation.row for equation in EQUATIONS} <= rows.keys()
     assert re.search(r"^ ?fp_accumulate +3 +3 +2 to 3", done.stdout, re.M)
-    assert "Code in flash takes the same clocks, with its cache and prefetch on and off." in done.stdout
+    assert "Code in flash takes the same clocks, with and without cache and prefetch." in done.stdout
     profile = load_profile(str(tmp_path / f"{name}.toml"))
     assert re.fullmatch(rf"{name}\+[0-9a-f]{{8}}", profile.name)
     assert values(profile) == values(load_profile(DEFAULT_PROFILE))
@@ -566,8 +566,8 @@ def test_only_an_earlier_measurement_of_the_board_is_overwritten(tmp_path: Path,
 @pytest.mark.parametrize(
     ("changed", "row", "remark"),
     [
-        ({"accumulate": 0}, "fp_accumulate", "where the model knows at least 1"),
-        ({"accumulate_over_integers": -64}, "fp_accumulate_hidden", "where the model knows at most 2"),
+        ({"accumulate": 0}, "fp_accumulate", "but the model requires at least 1"),
+        ({"accumulate_over_integers": -64}, "fp_accumulate_hidden", "but the model allows at most 2"),
     ],
 )
 def test_what_no_profile_may_hold_is_told_and_the_profile_can_be_read(

@@ -26,7 +26,7 @@ def test_the_basis_is_orthonormal_and_without_trace() -> None:
 
 
 def test_the_rows_are_those_of_the_definition() -> None:
-    cloud = CentredPoints.of(np.random.default_rng(1).normal(size=(20, 3)))
+    cloud = CentredPoints.centre(np.random.default_rng(1).normal(size=(20, 3)))
     assert cloud is not None
     x, y, z = cloud.points.T
     two, six = np.sqrt(2.0), np.sqrt(6.0)

@@ -372,4 +372,4 @@ def test_an_arc_of_an_ellipse_has_poor_coverage() -> None:
 @pytest.mark.parametrize("points", [[1.0, 2.0, 3.0], np.zeros((9, 4)), [(1.0, np.nan, 2.0)] * 9])
 def test_what_is_no_array_of_points_is_an_error(points: object) -> None:
     with pytest.raises(ValueError, match="points"):
-        Clouds.of(points)  # type: ignore[arg-type]
+        Clouds.centre(points)  # type: ignore[arg-type]

@@ -51,7 +51,7 @@ def test_a_table_that_answers_is_said_with_its_state_and_is_not_turned() -> None
         result = look(path)
     assert (result.health, result.finding) == (Health.OK, f"Grbl answers on {path}: Idle at 0, 0, 0 degrees")
     assert bench.moves == []
-    assert bench.world.at(bench.time_s).pose == Pose(0.0, 0.0, 0.0)
+    assert bench.world.state_at(bench.time_s).pose == Pose(0.0, 0.0, 0.0)
 
 
 def test_what_does_not_speak_grbl_is_no_table(monkeypatch: pytest.MonkeyPatch) -> None:

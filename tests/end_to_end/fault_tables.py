@@ -106,7 +106,7 @@ def begin_s(faults: Faults | None) -> float:
     """Return when a fault begins, from the opening of the port on: one of the firmware, at its first command."""
     if faults is None:
         return 0.0
-    timed = (faults.stall, faults.disappear, faults.baud, faults.full_output, *faults.of_board)
+    timed = (faults.stall, faults.disappear, faults.baud, faults.full_output, *faults.board_faults)
     return next((call.after_s for call in timed if call is not None), faults.after_s)
 
 
@@ -122,7 +122,7 @@ def row(tried: Tried, ended: Ended, faults: Faults | None, clean: Ended) -> str:
         how = f"{ended.code}, connection lost after {ended.virtual_s - begin_s(faults):.1f} s"
         # Where the firmware is then is another place with each build of it, and so are its registers.
         reads = re.sub(r": the firmware is (?!hung)[^.]*\([^)]*\)", "", ended.sentence)
-        reads = re.sub(r"(looping to itself in \w+) \([^)]*\)", r"\1", reads)
+        reads = re.sub(r"(in a branch to itself in \w+) \([^)]*\)", r"\1", reads)
         reads = re.sub(r"0x[0-9a-f]{8}(?: in (\w+) \([^)]*\))(?:; r0=.*?(?=\. \d+ measurements))?", r"\1", reads)
     return f"| {tried.what} | {text} | {how} | {reads} | {len(ended.numbers)} of {len(clean.numbers)} |"
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +12,6 @@ import pytest
 
 from hiltest.boards.bench import default_firmware
 from hiltest.rig.bench_files import shipped
-from hiltest.run_record.files import RECORD_FILES
-from hiltest.run_record.journal import JOURNAL_FILE
 from hiltest.run_record.reader import read_record
 from hiltest.verdict.summary import summarise
 
@@ -246,22 +241,3 @@ def test_a_test_has_the_same_id_wherever_its_suites_are(good_run, run_in, tmp_pa
     ids = [test["id"] for test in run.record["tests"]]
     assert "test_identity.py::test_the_firmware_names_itself" in ids
     assert set(ids) < {test["id"] for test in good_run.record["tests"]}
-
-
-def test_a_run_that_is_killed_leaves_no_report_of_the_one_before(tmp_path: Path) -> None:
-    out = tmp_path / "hil-out"
-    out.mkdir()
-    for name in RECORD_FILES:
-        (out / name).write_text("of an earlier run", encoding="utf-8")
-    command = [sys.executable, "-m", "hiltest", "run", "--out", str(out)]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL) as running:
-        ends_s = time.monotonic() + 60.0
-        while not _has_begun(out / JOURNAL_FILE) and running.poll() is None and time.monotonic() < ends_s:
-            time.sleep(0.02)
-        running.terminate()
-    assert [path.name for path in out.iterdir()] == [JOURNAL_FILE]
-
-
-def _has_begun(journal: Path) -> bool:
-    """Say whether the board has answered, which is when what was there before goes."""
-    return journal.exists() and '"kind": "rig"' in journal.read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.boards import RealBoard, VirtualBench, real
 from hiltest.boards.bench import START_UP_S
-from hiltest.boards.faulty_port import FaultyPort, with_faults
+from hiltest.boards.faulty_port import FaultyPort, add_faults
 from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import BenchError
 from hiltest.link.ports import READ_SLICE_S
@@ -45,7 +45,7 @@ def over_noise(monkeypatch: pytest.MonkeyPatch) -> Open:
         port.attach(bench.machine)
         port.open()
         faults = Faults(seed=seed, after_s=OPENED_S, **noise) if noise else None
-        line = with_faults(port, faults, baud=115_200)
+        line = add_faults(port, faults, baud=115_200)
         monkeypatch.setattr(real, "open_port", lambda _url, *, baud, rig: line)
         board = RealBoard("noisy", rig)
         assert board.now_s() < START_UP_S + OPENED_S

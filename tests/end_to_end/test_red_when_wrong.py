@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -31,13 +30,6 @@ MOUNTING = """[mounting]
 yaw_deg = 1.7                             # board heading = table heading + this, at every tilt
 uncertainty_deg = 0.2
 """
-
-
-def soft_iron_turned_about_the_vertical(degrees: float) -> str:
-    angle = np.radians(degrees)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    default = np.array([[1.022, 0.010, -0.006], [0.010, 0.982, 0.009], [-0.006, 0.009, 1.004]])
-    return f"soft_iron = {(turn @ default).round(6).tolist()}"
 
 
 def recomputed_maxima(record: dict[str, Any]) -> tuple[float, ...]:
@@ -78,15 +70,6 @@ def test_a_rotated_soft_iron_is_a_good_fit_with_a_bad_heading(run_in, tmp_path: 
     )  # of numbers with nine digits, up to 360
 
 
-def test_gravity_calibrates_at_five_degrees_of_dip(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    run = run_in(tmp_path, "--rig", edited((DIP, "dip_deg = 5.0 ")), *SUITES_AND_DPI)
-    assert run.measured["heading.dpi.max"]["outcome"] == "pass", run.output
-    # 1000 seeds: 0.52 in the median, 1.62 at worst.
-    assert run.value("heading.dpi.max") <= 1.7
-    assert run.value("fit.dpi.dip") == pytest.approx(5.0, abs=0.5)
-    assert run.value("fit.dpi.n_used") == 300
-
-
 @pytest.mark.parametrize("dip_deg", [1.0, 0.0, -1.0])
 def test_a_horizontal_field_is_refused_by_name_on_the_board(
     run_in, edited: Callable[..., str], tmp_path: Path, dip_deg: float
@@ -99,71 +82,14 @@ def test_a_horizontal_field_is_refused_by_name_on_the_board(
     assert "heading.dpi.max" not in run.measured
 
 
-def test_a_rotation_about_the_vertical_is_a_constant_offset(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    rig = edited((SOFT_IRON, soft_iron_turned_about_the_vertical(3.0)))
-    # On a level board its own z axis is the vertical; tilted, the same rotation is no constant any more.
-    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
-    assert run.code == 1
-    assert "Likely cause: constant offset" in run.sentence
-    assert abs(run.value("heading.direct.bias")) == pytest.approx(3.0, abs=0.5)
-
-
-def test_over_tilted_poses_the_same_rotation_is_no_constant(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    rig = edited((SOFT_IRON, soft_iron_turned_about_the_vertical(3.0)))
-    run = run_in(tmp_path, "--rig", rig, "--poses", "all", *SUITES)
-    assert run.code == 1
-    assert "Likely cause: good fit, bad heading" in run.sentence
-
-
-@pytest.mark.parametrize(
-    ("soft_iron", "poses", "cause"),
-    [
-        (
-            "[[0.0, 1.2, 0.0], [0.0, 0.0, 0.9], [0.8, 0.0, 0.0]]",
-            "all",
-            "magnetometer: x, y and z are exchanged cyclically: x reads y, y reads z, z reads x.",
-        ),
-        (
-            "[[-0.8, 0.0, 0.0], [0.0, 1.1, 0.0], [0.0, 0.0, 1.0]]\nmirrored = true",
-            "level",
-            "magnetometer: x is negated (left-handed: no mounting makes it).",
-        ),
-        (
-            "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
-            "level",
-            "constant offset (+90.",
-        ),  # of a level board; as which axes it looks follows
-        (
-            "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]",
-            "all",
-            "magnetometer: x and y are exchanged, y is negated (as turned by 90 deg about z).",
-        ),
-    ],
-    ids=["cyclic", "left-handed", "a turn about z, level", "a turn about z, tilted"],
-)
 def test_a_magnetometer_with_other_axes_is_named_on_the_virtual_board(
-    run_in, edited: Callable[..., str], tmp_path: Path, soft_iron: str, poses: str, cause: str
-) -> None:
-    rig = edited((SOFT_IRON, f"soft_iron = {soft_iron}"))
-    run = run_in(tmp_path, "--rig", rig, "--poses", poses, *SUITES)
-    assert run.code == 1
-    assert f"Likely cause: {cause}" in run.sentence
-
-
-def test_a_mounting_that_turns_the_board_by_90_degrees_is_a_constant_offset(
     run_in, edited: Callable[..., str], tmp_path: Path
 ) -> None:
-    run = run_in(tmp_path, "--rig", edited(("mounting_yaw_deg = 1.7 ", "mounting_yaw_deg = 91.7 ")), *SUITES)
-    assert run.code == 1
-    assert re.search(r"Likely cause: constant offset \(\+(89\.[89]|90\.[01])", run.sentence)
-
-
-def test_a_bad_accelerometer_is_named_first(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    rig = edited((ACCELEROMETER, "accelerometer_offset_mg = [60.0, -50.0, 40.0]"), NO_FACES)
+    rig = edited((SOFT_IRON, "soft_iron = [[0.0, 1.2, 0.0], [0.0, 0.0, 0.9], [0.8, 0.0, 0.0]]"))
     run = run_in(tmp_path, "--rig", rig, *SUITES)
     assert run.code == 1
-    assert "Likely cause: accelerometer" in run.sentence
-    assert "accelerometer.norm_rms" in run.sentence
+    named = "Likely cause: magnetometer: x, y and z are exchanged cyclically: x reads y, y reads z, z reads x."
+    assert named in run.sentence
 
 
 def test_a_horizontal_offset_that_the_norm_hardly_sees_is_still_the_accelerometer(
@@ -194,15 +120,6 @@ def test_a_face_that_is_askew_is_named_and_ends_red(run_in, edited: Callable[...
     assert run.code == 1
     # 0.9 of it, and what the other faces' own errors, below 0.1, put on top.
     assert "one of right side down (+y down), left side down (-y down) is askew by some 1.0 deg" in run.output
-
-
-def test_points_on_a_part_of_the_sphere_are_poor_coverage(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
-    # Ten points of a tumble are one stroke of it.
-    rig = edited(("calibration_points = 100 ", "calibration_points = 10 "))
-    run = run_in(tmp_path, "--rig", rig, "--poses", "level", *SUITES)
-    assert run.code == 1
-    assert "Likely cause: poor coverage (" in run.sentence
-    assert "only a sphere was fitted" in run.sentence
 
 
 def test_a_mounting_declared_wrongly_is_a_constant_offset(run_in, edited: Callable[..., str], tmp_path: Path) -> None:
@@ -255,24 +172,4 @@ def test_a_port_that_does_not_exist_lists_those_that_do(run_in, tmp_path: Path) 
     run = run_in(tmp_path, "--rig", "frdm-k64f", "--port", "/dev/no-such-port")
     assert run.code == 4
     assert run.errors.startswith("ERROR: no serial port '/dev/no-such-port'; ports on this machine: ")
-    assert not run.folder.exists()
-
-
-@pytest.mark.parametrize(
-    ("make", "complaint"),
-    [
-        (lambda path: None, "no such file"),
-        (lambda path: path.write_text("not an ELF"), "not a whole ELF file"),
-        (lambda path: path.write_bytes(Path(sys.executable).read_bytes()), "ARM"),
-    ],
-    ids=["missing", "text", "another core"],
-)
-def test_firmware_that_is_none_is_a_usage_error(
-    run_in, tmp_path: Path, make: Callable[[Path], object], complaint: str
-) -> None:
-    make(tmp_path / "mine.elf")
-    run = run_in(tmp_path, "--firmware", "mine.elf")
-    assert run.code == 4
-    assert "mine.elf" in run.errors
-    assert complaint.lower() in run.errors.lower()
     assert not run.folder.exists()

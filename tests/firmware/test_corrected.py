@@ -7,47 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hiltest.calibration import FitStatus, MagnetometerFit, fit_corrected
-from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.calibration import FitStatus, fit_corrected
 
-from ..instances import Instance, instance
+from ..instances import instance
 
 NOISE_UT = 2.5
-BUFFER = 512  # points that the board has room for
-
-
-def error_deg(fit: MagnetometerFit, drawn: Instance) -> float:
-    """Return the rms over the sphere of true directions."""
-    directions = sphere_directions(200)
-    counts = COUNTS_PER_UT * (50.0 * directions @ drawn.soft_iron + drawn.hard_iron_ut)
-    return direction_error_rms_deg(fit, counts, directions)
-
-
-def median_errors_deg(runner: Any, seeds: range, covered: tuple[float, float]) -> tuple[float, float]:
-    drawn = [instance(seed, BUFFER, noise_ut=NOISE_UT, covered=covered) for seed in seeds]
-    direct, corrected = (
-        float(np.median([error_deg(runner.calibrate(name, draw.points_counts), draw) for draw in drawn]))
-        for name in ("direct", "corrected")
-    )
-    print(f"n = {BUFFER}, covered {covered}, {seeds}: direct {direct:.3f}, corrected {corrected:.3f} deg")
-    return direct, corrected
-
-
-def test_a_full_buffer_of_noisy_points_is_worth_three_quarters_of_a_degree(host_calibrators: Any) -> None:
-    """2000 instances on the host, which has the same bits as the board."""
-    _, corrected_deg = median_errors_deg(host_calibrators, range(2000), (0.5, 1.0))
-    assert corrected_deg <= 0.75
-
-
-def test_with_half_of_the_sphere_it_errs_by_a_quarter_of_direct(host_calibrators: Any) -> None:
-    direct_deg, corrected_deg = median_errors_deg(host_calibrators, range(2000), (0.5, 0.5))
-    assert corrected_deg <= direct_deg / 4.0
-
-
-def test_the_board_is_as_accurate(board_calibrators: Any, host_calibrators: Any) -> None:
-    seeds = range(60)
-    on_board = median_errors_deg(board_calibrators, seeds, (0.5, 1.0))
-    assert on_board == median_errors_deg(host_calibrators, seeds, (0.5, 1.0))
 
 
 @pytest.mark.parametrize(

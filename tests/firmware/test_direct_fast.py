@@ -21,7 +21,6 @@ from hiltest.calibration import FitStatus, fit_direct
 from hiltest.calibration.quality import direction_difference_rms_deg, direction_error_rms_deg, sphere_directions
 
 from ..instances import Instance, instance
-from .references.packed_moments import BLOCK_POINTS, largest_shift, packed_sums
 
 INSTANCES = int(os.environ.get("HILTEST_ACCURACY_INSTANCES", "400"))
 WHOLE = 10_000
@@ -108,41 +107,6 @@ def test_the_speed_costs_this_much_accuracy(host_calibrators: Any, setting: Sett
     assert (paired.extra > setting.extra_p99_deg).sum() <= (0.02 if doubt else 0.01) * len(paired.extra)
     # Clouds at the limit of coverage fall on either side of it.
     assert paired.judged_otherwise <= max(2, 0.001 * INSTANCES)
-
-
-@pytest.mark.parametrize(("setting", "most"), [(SETTINGS[0], 0.0), (SETTINGS[1], 0.0), (Setting(100, 0.5, 0.1), 0.005)])
-def test_hardly_a_cloud_overflows(setting: Setting, most: float) -> None:
-    """Each that does costs a second pass, so K begins where that is rare; the model counts them."""
-    clouds = np.array(
-        [instance(seed, setting.points, stretch=setting.stretch).points_counts for seed in range(1, INSTANCES + 1)]
-    ).astype(np.int64)
-    anchors = np.trunc((clouds.min(axis=1) + clouds.max(axis=1)) / 2.0).astype(np.int64)
-    farthest = np.abs(clouds - anchors[:, None]).max(axis=(1, 2))
-    shifts = np.array([largest_shift(int(item)) for item in farthest])
-    overflowed = sum(
-        packed_sums(clouds[shifts == shift], anchors[shifts == shift], int(shift)).overflowed.sum()
-        for shift in np.unique(shifts)
-    )
-    print(f"{setting.name}: {overflowed} of {INSTANCES} redone; K from {shifts.min()} to {shifts.max()}")
-    assert setting.points <= BLOCK_POINTS
-    assert overflowed <= max(2, most * INSTANCES)
-
-
-def test_a_first_point_for_an_anchor_would_be_seen(host_calibrators: Any) -> None:
-    """The test above is worth something: with the anchor on the surface the error is several times as large."""
-    wrong, right = [], []
-    for seed in range(1, 101):
-        drawn = instance(seed, 100, stretch=0.2)
-        points = drawn.points_counts
-        direct = fit_direct(points)
-        # A range that pretends to be around the first point: that is all the calibrator knows of the anchor.
-        reach = np.abs(points.astype(int) - points[0]).max(axis=0)
-        off_centre = host_calibrators.calibrate("direct-fast", points, low=points[0] - reach, high=points[0] + reach)
-        right.append(direction_difference_rms_deg(host_calibrators.calibrate("direct-fast", points), direct))
-        if off_centre.status is FitStatus.ELLIPSOID:
-            wrong.append(direction_difference_rms_deg(off_centre, direct))
-    print(f"medians: {np.median(right):.3g} deg about the middle, {np.median(wrong):.3g} about the first point")
-    assert np.median(wrong) > 3.0 * np.median(right)
 
 
 def test_100_points_are_fitted_in_7300_cycles(board_calibrators: Any) -> None:

@@ -17,7 +17,7 @@ from hiltest.calibration.quality import direction_difference_rms_deg
 from ..instances import instance
 from .references.element_fits import fit_elements
 from .references.iterative_stream import IterativeStream
-from .references.magnetic_buffer import FULL, LIMITS, cell_of
+from .references.magnetic_buffer import FULL
 from .streams import BoardStream, Stream
 
 MakeStream = Callable[[str], Stream]
@@ -39,24 +39,6 @@ def stream(stream: MakeStream) -> Stream:
 def iterative(stream: Stream) -> Stream:
     stream.reset()
     return stream
-
-
-def test_the_limits_between_rows_are_tangents() -> None:
-    assert tuple(int(100 * math.tan(math.radians(-90 + 180 / 14 * i))) for i in range(1, 14)) == LIMITS
-    assert tuple(-limit for limit in reversed(LIMITS)) == LIMITS
-
-
-def test_cells_are_directions() -> None:
-    """Twice as far in the same direction is the same cell; x backwards is another half of the row."""
-    assert cell_of(0, 0, 0) is None
-    assert cell_of(3, 100, 500) == cell_of(6, 200, 1000)
-    assert cell_of(-400, 100, 500) == ROWS * 2 * _row(-80) + _row(20) + ROWS
-    # A ratio beyond 16 bits wraps, as in the libraries: 100 * 500 / 1 = 50 000 becomes -15 536, the other end.
-    assert cell_of(500, 0, 1) == 0 * 2 * ROWS + 7
-
-
-def _row(ratio: int) -> int:
-    return sum(limit <= ratio for limit in LIMITS)
 
 
 _component = st.integers(-1500, 1500)

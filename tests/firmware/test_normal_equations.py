@@ -60,16 +60,6 @@ def test_every_bit_is_that_of_c(board: VirtualK64F, host_library: ctypes.CDLL) -
     assert solved >= 290
 
 
-def test_a_swapped_axis_would_be_seen(board: VirtualK64F, host_library: ctypes.CDLL) -> None:
-    """The comparison above can fail: no two of the sums may take each other's place."""
-    sums = moments(instance(1).points_counts.astype(np.float64))
-    right = on_host(host_library, sums)
-    for index in range(len(POWERS) - 1):
-        swapped = sums.copy()
-        swapped[[index, index + 1]] = sums[[index + 1, index]]
-        assert on_board(board, swapped).tobytes() != right.tobytes(), POWERS[index]
-
-
 _any_float = st.floats(width=32, allow_nan=True, allow_infinity=True)
 
 
@@ -86,17 +76,6 @@ def test_both_refuse_the_same_sums(board: VirtualK64F, host_library: ctypes.CDLL
     ours, expected = on_board(board, values), on_host(host_library, values)
     # The sign and the digits of what is not a number are the machine's own.
     assert np.array_equal(ours, expected, equal_nan=True)
-
-
-@pytest.mark.parametrize(
-    "flat", [np.diag([1.0, 1.0, 0.0]), np.ones((3, 3)), np.zeros((3, 3))], ids=["plane", "line", "spot"]
-)
-def test_what_determines_no_quadric_leaves_it_untouched(
-    board: VirtualK64F, host_library: ctypes.CDLL, flat: NDArray[np.float64]
-) -> None:
-    sums = moments(instance(1).points_counts @ flat)
-    assert (on_board(board, sums) == UNTOUCHED).all()
-    assert (on_host(host_library, sums) == UNTOUCHED).all()
 
 
 def test_its_frame_is_what_the_stack_check_adds_up(board: VirtualK64F) -> None:

@@ -120,15 +120,6 @@ def test_points_between_words_are_summed_one_at_a_time(board: BoardPacked) -> No
     assert np.allclose(aligned[even], between[even], rtol=1e-3)
 
 
-def test_small_coordinates_are_exact(kernel: PackedKernel) -> None:
-    """From K = 8 on no product is rounded, and 34 sums of whole numbers are whole numbers."""
-    points = np.random.default_rng(1).integers(-60, 61, (99, 3))
-    sums = kernel.block(points, [3, -2, 1], 8).sums
-    x, y, z = (points - [3, -2, 1]).T
-    for index, exact in ((0, x), (4, x * y), (13, x * y * z), (30, y * y * y * z), (33, z**4)):
-        assert sums[index] == np.float32(exact.sum())
-
-
 @pytest.mark.parametrize(("count", "most"), [(100, 56.0), (300, 58.0)])
 def test_a_point_costs(board: BoardPacked, count: int, most: float) -> None:
     points = instance(1, count, stretch=0.1, covered=(1.0, 1.0)).points_counts

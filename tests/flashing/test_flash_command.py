@@ -230,7 +230,7 @@ def test_a_board_that_is_not_known_is_not_flashed(
         (("--port", "usb://", "--coverage", "lcov.info"), "which --coverage excludes"),
         (("--replay", str(RECORDED)), "which --replay excludes"),
         (("--port", "usb://", "--calibration", "none.json"), "none.json"),
-        (("--port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a whole ELF file"),
+        (("--port", "usb://", "--firmware", str(shipped() / "rigs" / "virtual-k64f.toml")), "not a complete ELF file"),
     ],
 )
 def test_a_run_that_cannot_flash_is_refused(

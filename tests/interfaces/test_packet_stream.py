@@ -146,5 +146,5 @@ def test_every_integer_of_the_truth_comes_out_of_the_recording(shared_data: Call
 def test_a_table_is_read_in_units() -> None:
     (batch,) = batches(RECORDING)
     by_kind = {table.kind: table for table in batch.tables}
-    assert by_kind[MainPacket].in_unit("acceleration_g").tolist() == [[1 / 8192, 2 / 8192, 3 / 8192]]
-    assert by_kind[AnglesPacket].in_unit("roll_deg").tolist() == [-180.0]
+    assert by_kind[MainPacket].scaled_values("acceleration_g").tolist() == [[1 / 8192, 2 / 8192, 3 / 8192]]
+    assert by_kind[AnglesPacket].scaled_values("roll_deg").tolist() == [-180.0]

@@ -74,7 +74,7 @@ def test_one_damaged_stamp_changes_neither_time_nor_rate(at: int, time_us: int) 
     clock, stamps = BoardClock(), [1_000_000 + n * STEP_US for n in range(81)]
     stamps[at] = time_us
     for stamp in stamps:
-        clock.at(stamp)
+        clock.advance(stamp)
     # At the ends a small damage cannot be told from a step; in between nothing remains of it.
     assert clock.elapsed_us == pytest.approx(2_000_000, abs=0 if at == 40 else 1_000_000)
     assert clock.resets == 0

@@ -166,7 +166,7 @@ def test_firmware_that_loops_for_ever_is_named_with_its_place(session: Session, 
     with pytest.raises(DeviceTimeoutError) as caught:
         session.request(Identify())
     assert caught.value.command == "IDENTITY"
-    assert "at rest, looping to itself in command_identity" in str(caught.value)
+    assert "at rest, in a branch to itself in command_identity" in str(caught.value)
 
 
 def test_firmware_that_faults_is_named_at_once_and_not_asked_again(session: Session, bench: VirtualBench) -> None:

@@ -47,18 +47,6 @@ def test_frames_between_random_garbage_are_found(garbage: list[bytes], payload: 
     assert results == frames
 
 
-def test_a_split_at_every_byte_boundary_changes_nothing() -> None:
-    frames = [Frame(0x81, 1, b"\x7e\x7d\x00"), Frame(0x82, 2, b""), Frame(0x83, 3, bytes(range(120, 130)))]
-    wire = b"noise" + b"".join(encode_frame(frame) for frame in frames)
-    whole = decode_all(wire)
-    for cut in range(len(wire) + 1):
-        decoder = FrameDecoder()
-        assert decoder.feed(wire[:cut]) + decoder.feed(wire[cut:]) == whole
-    decoder = FrameDecoder()
-    assert [item for value in wire for item in decoder.feed(bytes([value]))] == whole
-    assert [item for item in whole if isinstance(item, Frame)] == frames
-
-
 def test_empty_frames_are_ignored() -> None:
     frame = Frame(1, 2, b"abc")
     assert decode_all(b"\x7e" * 9 + encode_frame(frame) + b"\x7e" * 9) == [frame]
@@ -94,9 +82,3 @@ def test_damage_says_what_and_where(data: bytes, reason: str) -> None:
 def test_a_payload_too_long_for_a_frame_is_refused() -> None:
     with pytest.raises(ValueError, match="1025 bytes; at most 1024"):
         encode_frame(Frame(1, 1, bytes(1025)))
-
-
-@given(noise=st.binary(max_size=3000))
-def test_random_bytes_never_crash_the_decoder(noise: bytes) -> None:
-    for item in decode_all(noise + b"\x7e"):
-        assert isinstance(item, Frame | DamagedFrame)

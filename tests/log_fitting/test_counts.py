@@ -33,7 +33,7 @@ def test_counts_fit_int16_and_keep_the_resolution(
     unit: Unit, radius: float, offset: float, step: float, shifted: bool
 ) -> None:
     cloud = _cloud(radius * sphere_directions(400) + offset, unit)
-    scale = CountScale.of(cloud)
+    scale = CountScale.choose(cloud)
     counts = scale.counts(cloud.points)
     assert counts.dtype == np.int16
     # A lattice of 400 leaves the poles out by a quarter of a percent.
@@ -46,15 +46,15 @@ def test_counts_fit_int16_and_keep_the_resolution(
 
 def test_points_that_are_all_the_same_have_a_scale_too() -> None:
     cloud = _cloud(np.full((20, 3), 1e9), Unit.COUNTS)
-    assert not CountScale.of(cloud).counts(cloud.points).any()
+    assert not CountScale.choose(cloud).counts(cloud.points).any()
 
 
 def test_a_calibration_of_counts_is_one_of_readings() -> None:
     points = 0.485 * sphere_directions(50) + 1000.0
-    scale = CountScale.of(_cloud(points, Unit.GAUSS))
+    scale = CountScale.choose(_cloud(points, Unit.GAUSS))
     soft_iron = np.array([[2.0, 0.1, 0.0], [0.1, 1.9, 0.2], [0.0, 0.2, 2.1]]) / 1000.0
     in_counts = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, np.array([1.0, 2.0, 3.0]))
-    in_gauss = scale.in_unit(in_counts)
+    in_gauss = scale.convert_fit(in_counts)
     # float64 holds 1000 to 1e-13, a thousandth of it to 1e-10.
     np.testing.assert_allclose(
         in_gauss.corrected(points), in_counts.corrected(scale.unrounded(points)), rtol=0.0, atol=1e-9

@@ -74,7 +74,7 @@ def test_foreign_headers_are_understood(tmp_path: Path, header: str, row: str, f
 def test_columns_units_and_rate_can_be_said(tmp_path: Path) -> None:
     path = written(tmp_path, "7 1 100", "8 2 200", "9 3 300")
     log = read_rate_log(path, columns="3,2", unit=RateUnit.COUNTS, rate_hz=50.0)
-    assert (log.rates.tolist(), log.in_degrees) == ([[100.0, 1.0], [200.0, 2.0], [300.0, 3.0]], False)
+    assert (log.rates.tolist(), log.is_in_degrees) == ([[100.0, 1.0], [200.0, 2.0], [300.0, 3.0]], False)
     assert log.rate_hz == 50.0
     assert read_rate_log(path, columns="2", unit=RateUnit.DPS, time="1").rate_hz == 1.0
 

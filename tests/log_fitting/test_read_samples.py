@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 
@@ -242,24 +241,6 @@ def test_too_many_readings_are_refused_before_they_fill_the_memory(
     assert len(_read(tmp_path, "1,2,3\n" * 10).points) == 10
     with pytest.raises(ConfigError, match="more than 10 readings; keep every tenth line"):
         _read(tmp_path, "1,2,3\n" * 11)
-
-
-@given(st.binary(max_size=300))
-def test_no_bytes_do_more_than_be_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(content)
-    with suppress(ConfigError):
-        assert np.isfinite(read_samples(path).points).all()
-
-
-@given(st.lists(st.text(st.sampled_from('0123456789.-+eE,;\t" #%/naifx'), max_size=20), min_size=1, max_size=8))
-def test_no_text_of_numbers_and_separators_does_either(
-    tmp_path_factory: pytest.TempPathFactory, lines: list[str]
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "text.csv"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    with suppress(ConfigError):
-        assert np.isfinite(read_samples(path, columns="1,2,3").points).all()
 
 
 # More lines than a reader looks at for the form of the table, so that what is behind them may be read many at once.

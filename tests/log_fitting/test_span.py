@@ -12,7 +12,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.errors import ConfigError
 from hiltest.log_fitting import Samples, Unit
 from hiltest.log_fitting.sample_fit import fit_on_host
-from hiltest.log_fitting.span import between, field_change, in_order_of_time, instants, steady
+from hiltest.log_fitting.span import between, field_change, instants, is_in_order_of_time, steady
 
 from ..calibration.hand_turned import hand_turned
 
@@ -86,4 +86,4 @@ def test_turns_that_repeat_are_in_order(revolutions: int) -> None:
     angles = np.linspace(0.0, 2.0 * np.pi * revolutions, 400)
     turn = np.column_stack([20.0 * np.cos(angles), 20.0 * np.sin(angles), np.full(400, 40.0)])
     points = turn + np.random.default_rng(1).normal(0.0, 0.4, turn.shape)
-    assert in_order_of_time(replace(_log(timed=False), points=points))
+    assert is_in_order_of_time(replace(_log(timed=False), points=points))

@@ -31,7 +31,7 @@ def test_a_run_writes_its_coverage_and_says_how_much_it_is(pytester: pytest.Pyte
     found = read(target)
     assert (pytester.path / "lcov.info").is_symlink()
     assert found.files["firmware_stub/app/main.c"].functions["main"][1] == 1
-    assert 0 < found.lines.hit < found.lines.found
+    assert 0 < found.lines.hit < found.lines.total
     record = json.loads((pytester.path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     assert record["coverage"] == {
         "file": "../lcov.info",
@@ -40,7 +40,7 @@ def test_a_run_writes_its_coverage_and_says_how_much_it_is(pytester: pytest.Pyte
         "branches": list(found.branches),
     }
     result.stdout.fnmatch_lines(
-        [f"Coverage: {found.lines.hit} of {found.lines.found} lines (* branches both ways (*): lcov.info"]
+        [f"Coverage: {found.lines.hit} of {found.lines.total} lines (* branches both ways (*): lcov.info"]
     )
     assert 'href="./../lcov.info"' in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")
     assert "lcov.info" in (pytester.path / "hil-out" / "report.md").read_text(encoding="utf-8")

@@ -55,7 +55,7 @@ class Bench:
 
     @property
     def pose(self) -> Pose:
-        return self.world.at(self.machine.time_s).pose
+        return self.world.state_at(self.machine.time_s).pose
 
     def close(self) -> None:
         self.paced.stop()
@@ -150,7 +150,7 @@ def test_a_turn_begins_after_it_has_come_back_and_is_over_when_it_says(bench: Be
 @pytest.mark.parametrize("face", [Face.MINUS_X, Face.PLUS_Y, Face.MINUS_Z])
 def test_it_puts_the_board_on_a_face(bench: Bench, table: GrblTurntable, face: Face) -> None:
     table.turn_to_face(face)
-    gravity_g = bench.world.at(bench.machine.time_s).gravity_body_g
+    gravity_g = bench.world.state_at(bench.machine.time_s).gravity_body_g
     assert gravity_g == pytest.approx(face.gravity_g, abs=1e-9)
 
 

@@ -267,7 +267,7 @@ def test_a_log_has_every_sample_and_the_noise_of_the_rig(board: Board, table: Tu
 
 def test_a_rest_of_the_declared_noise_is_still_and_one_of_a_noisier_part_is_not(bench_rig: Rig) -> None:
     # The board's own: a rig that declares so much less than its world has is refused.
-    quieter = replace(Declared.of(bench_rig), gyroscope_density_dps=0.008)
+    quieter = replace(Declared.select(bench_rig), gyroscope_density_dps=0.008)
     answer = "gyroscope_noise_mdps_per_rthz in the rig"
     with VirtualBoard(VirtualBench(bench_rig), declared=quieter) as board, pytest.raises(BoardMovedError, match=answer):
         rest_gyroscope(board, seconds=2.0)

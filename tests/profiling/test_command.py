@@ -39,7 +39,7 @@ def test_the_tables_show_the_answer_the_cost_and_its_model(capsys: pytest.Captur
     assert "crc32(text:123456789, 9) = 3421780262 (0xcbf43926)" in out
     assert f"{cycles} cycles," in out
     assert "cycle model cortex-m4-trm/2@flash" in out
-    assert "wait states are not modelled" in out
+    assert "code ran from flash with zero wait states" in out
     assert "crc32.c:" in out
     assert " pop.w " in out
     assert "... " in out.split("instruction ")[-1], "says how many instructions are left out"
@@ -52,7 +52,7 @@ def test_json_is_of_the_shipped_schema_and_its_shares_add_up(capsys: pytest.Capt
     assert sum(share.cycles for share in found.shares) == found.cycles
     assert sum(share.percent for share in found.shares) == pytest.approx(100.0, abs=1e-9)  # float64 sums
     assert found.notes == (
-        "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles; "
+        "code ran from flash with zero wait states, because they are not modelled: silicon takes more cycles; "
         "the profile cortex-m4-k64f/2 counts them",
     )
     assert found.band is None
@@ -85,7 +85,7 @@ def test_waits_for_flash_are_said_to_be_of_the_timing_profile_at_another_clock(
     usual, slower = document(capsys, *counted), document(capsys, *counted, "--clock", "48MHz")
     assert slower.cycles == usual.cycles
     (note,) = set(slower.notes) - set(usual.notes)
-    assert "whatever the core clock" in note
+    assert "regardless of the core clock" in note
 
 
 def test_code_in_sram_carries_its_placement_and_no_note(capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,22 +123,22 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(capsys: pytest.Captu
     ("arguments", "complaint"),
     [
         (("shipped", "crc3"), "no function 'crc3'; near: crc32"),
-        (("shipped", "crc32", "1"), "crc32 takes 2 arguments, 1 were given"),
+        (("shipped", "crc32", "1"), "crc32 takes 2 arguments, not 1"),
         (("shipped", "crc32", "text:a", "1.5"), "argument 2 of crc32 is unsigned, not float"),
-        (("shipped", "crc32", "--jsn", "1"), "'--jsn' is no argument"),
+        (("shipped", "crc32", "--jsn", "1"), "'--jsn' is not an argument"),
         (("--jsn", "shipped", "crc32"), "No such option '--jsn'"),
         (("gone.elf", "main"), "gone.elf: No such file or directory; name the firmware's ELF"),
         ((*CRC, "--profile", "cortex-m7"), "no timing profile 'cortex-m7'; known: cortex-m4-k64f/1, cortex-m4-k64f/2"),
         ((*CRC, "--folded", "gone/stacks"), "cannot write gone/stacks: No such file or directory"),
         ((*CRC, "--lines", "-1"), "-1 is not in the range x>=0"),
-        ((*CRC, "--clock", "fast"), "--clock: 'fast' is no core clock from 1 kHz to 1 GHz; write it as 48MHz"),
-        ((*CRC, "--clock", "0"), "'0' is no core clock"),
-        ((*CRC, "--clock", "120"), "'120' is no core clock"),  # MHz were meant
-        ((*CRC, "--clock=-48MHz"), "'-48MHz' is no core clock"),
-        ((*CRC, "--clock", "4_8_MHz"), "'4_8_MHz' is no core clock"),
-        ((*CRC, "--clock", "1e12"), "'1e12' is no core clock"),
-        ((*CRC, "--clock", "nan"), "'nan' is no core clock"),
-        ((*CRC, "--clock", "1000.5"), "'1000.5' is no core clock"),
+        ((*CRC, "--clock", "fast"), "--clock: 'fast' is not a core clock from 1 kHz to 1 GHz; write 48MHz"),
+        ((*CRC, "--clock", "0"), "'0' is not a core clock"),
+        ((*CRC, "--clock", "120"), "'120' is not a core clock"),  # MHz were meant
+        ((*CRC, "--clock=-48MHz"), "'-48MHz' is not a core clock"),
+        ((*CRC, "--clock", "4_8_MHz"), "'4_8_MHz' is not a core clock"),
+        ((*CRC, "--clock", "1e12"), "'1e12' is not a core clock"),
+        ((*CRC, "--clock", "nan"), "'nan' is not a core clock"),
+        ((*CRC, "--clock", "1000.5"), "'1000.5' is not a core clock"),
     ],
 )
 def test_a_wrong_command_line_is_a_usage_error(
@@ -186,7 +186,7 @@ def test_a_nan_is_null_for_machines_and_nan_for_people(capsys: pytest.CaptureFix
 def test_a_function_that_resets_the_board_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = profile(capsys, "shipped", "board_reset")
     assert code == 20
-    assert "board_reset asked for a system reset" in err
+    assert "board_reset requested a system reset" in err
 
 
 def test_a_stripped_file_is_refused_with_the_reason(
@@ -196,7 +196,7 @@ def test_a_stripped_file_is_refused_with_the_reason(
     subprocess.run([strip, "-o", str(tmp_path / "bare.elf"), str(default_firmware())], check=True, timeout=60)
     code, _, err = profile(capsys, str(tmp_path / "bare.elf"), "crc32")
     assert code == 4
-    assert "no function 'crc32', nor any other: its symbols are stripped" in err
+    assert "no function 'crc32', nor any other function: its symbols are stripped" in err
 
 
 def test_negative_numbers_are_arguments_and_no_options(capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,9 +27,9 @@ HOSTILE = "<script>alert('x')</script>|`\"&"
 
 @pytest.fixture
 def run(findings: Make, good: list[Measurement]) -> Run:
-    made = findings(*good)
-    made.comparison = comparison()
-    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+    collected = findings(*good)
+    collected.comparison = comparison()
+    return collected.finish(decide(collected, pytest_exit=0), "2026-01-02T03:05:00Z")
 
 
 def unfolded(page: str) -> str:

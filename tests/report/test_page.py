@@ -31,8 +31,8 @@ def run(findings: Make, good: list[Measurement]) -> Run:
     return finished(findings(*good))
 
 
-def finished(made: Findings) -> Run:
-    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+def finished(collected: Findings) -> Run:
+    return collected.finish(decide(collected, pytest_exit=0), "2026-01-02T03:05:00Z")
 
 
 def text_of(page: str) -> str:
@@ -100,7 +100,7 @@ def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_
     direct, iterative = ([cell.text for cell in row.cells] for row in table.rows[:2])
     place = table.headings.index("cycles as it runs from flash")
     assert (direct[place], iterative[place]) == ("12 345", "")
-    assert "in cycles by cortex-m4-trm/2@sram, as it runs from flash by m@flash" in text_of(html_report(run))
+    assert "cycles by cortex-m4-trm/2@sram, from flash by m@flash" in text_of(html_report(run))
     answer = summary(run, Path("out"), verbose=False, width=100, colour=False)
     assert "(ranked)" in answer
     assert "from flash" in answer
@@ -172,9 +172,9 @@ def test_a_line_that_was_spoilt_on_purpose_is_said_and_one_that_was_not_is_not(r
 
 
 def test_a_run_of_nothing_still_has_a_page(findings: Make) -> None:
-    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
-    made.board = made.rig = None
-    page = html_report(replace(finished(made), tests=()))
+    collected = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
+    collected.board = collected.rig = None
+    page = html_report(replace(finished(collected), tests=()))
     assert "Nothing was measured" in page
     assert "No test ran to its end" in page
     assert 'role="img"' not in page
@@ -239,9 +239,9 @@ def test_every_table_has_a_caption_and_every_heading_a_scope(run: Run) -> None:
 def test_a_name_can_neither_hide_nor_turn_the_words_around_it(findings: Make, name: str, shown: str) -> None:
     assert legible(name) == shown
     failed = TestResult(f"{name}[\"'x']", TestOutcome.FAILED, 1, reason=name)
-    made = findings(check(name, 1.0, unit="uT"), tests=(failed,))
-    made.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(name, "cycle")), ((1, 2), (3, 4)))
-    page = html_report(finished(made))
+    collected = findings(check(name, 1.0, unit="uT"), tests=(failed,))
+    collected.tables["cycles.sizes"] = Table("cycles.sizes", (Column("n"), Column(name, "cycle")), ((1, 2), (3, 4)))
+    page = html_report(finished(collected))
     page.encode()
     assert page.count(shown) >= 5
     assert shown == name or name not in page
@@ -285,7 +285,7 @@ def test_a_comparison_shows_what_changed_in_order_of_concern(run: Run) -> None:
     assert "✗ worse 11 061 cycle 11 161 cycle +100, +0.9 % exact at most 12 500" in text
     assert "+0.3, +300 %, 95 % +0.28 to +0.32 0.05 deg and 2 %" in text
     assert "b.same" not in text
-    assert "1 new, 1 unchanged; cycles counted by m. Worse only beyond" in text
+    assert "1 new, 1 unchanged; cycles counted by m. A measurement is worse only" in text
     assert "cycles.direct.total: worse, +0.9 %" in page, "the drawing says in words what it shows"
 
 

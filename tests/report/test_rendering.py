@@ -62,20 +62,20 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def run(findings: Make, good: list[Measurement]) -> Run:
-    made = findings(*good)
-    return made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+    collected = findings(*good)
+    return collected.finish(decide(collected, pytest_exit=0), "2026-01-02T03:05:00Z")
 
 
 @pytest.fixture
 def hostile(findings: Make) -> Run:
-    made = findings(
+    collected = findings(
         check("heading.<b>.max", 1.0, unit="<i>", limit=Limit(max=2)),
         check(HOSTILE, 1.0, unit=HOSTILE),
         tests=(TestResult(HOSTILE, TestOutcome.FAILED, 1, reason=HOSTILE),),
     )
-    assert made.board is not None
-    made.board = replace(made.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
-    return made.finish(decide(made, pytest_exit=1), "")
+    assert collected.board is not None
+    collected.board = replace(collected.board, firmware=HOSTILE, description=HOSTILE, calibrators=(HOSTILE,))
+    return collected.finish(decide(collected, pytest_exit=1), "")
 
 
 def test_the_page_shows_the_verdict_before_anything_else(run: Run) -> None:
@@ -120,18 +120,10 @@ def test_every_plot_says_in_words_what_it_shows(run: Run) -> None:
 
 def test_markdown_leads_with_what_is_out_of_order(findings: Make, good: list[Measurement]) -> None:
     bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::t")
-    made = findings(*good, bad, tests=(TestResult("t.py::t", TestOutcome.FAILED, 1, reason="out"),))
-    text = markdown_report(made.finish(decide(made, pytest_exit=1), ""))
+    collected = findings(*good, bad, tests=(TestResult("t.py::t", TestOutcome.FAILED, 1, reason="out"),))
+    text = markdown_report(collected.finish(decide(collected, pytest_exit=1), ""))
     assert text.startswith("# FAIL\n")
     assert text.index("gyroscope.bias\\_error | 0.4") < text.index("<details>")
-
-
-def test_a_run_without_board_or_measurements_still_renders(findings: Make) -> None:
-    made = findings(tests=(TestResult("t", TestOutcome.CONNECTION_LOST, 0, reason="no port"),), tables=False)
-    made.board = None
-    run = made.finish(decide(made, pytest_exit=1), "")
-    assert "no board answered" in Page(html_report(run)).text
-    assert "CONNECTION LOST: no port. 0 measurements kept." in markdown_report(run)
 
 
 def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:
@@ -140,11 +132,6 @@ def test_a_pose_without_heading_is_left_out_of_the_plot(run: Run) -> None:
     holes = replace(table, rows=tuple((*row[:4], None, None, None) for row in table.rows))
     tables = tuple(holes if table.name == "heading.poses" else table for table in run.tables)
     assert "no pose was answered" in html_report(replace(run, tables=tables))
-
-
-def test_both_files_are_written(run: Run, tmp_path: Path) -> None:
-    write_reports(run, tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "report.md"]
 
 
 def test_the_terminal_begins_with_the_verdict_and_ends_with_where_the_report_is(run: Run, tmp_path: Path) -> None:
@@ -178,8 +165,10 @@ def test_a_failing_run_begins_with_what_failed_and_what_to_do_next(
 ) -> None:
     bad = [replace(item, place="test_heading.py:74") for item in heading("direct", 6.3, limit=1.8, cycles=12_400)]
     warm = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), place="test_gyroscope.py:9")
-    made = findings(*bad, warm)
-    text = summary(made.finish(decide(made, pytest_exit=1), ""), tmp_path, verbose=False, width=80, colour=False)
+    collected = findings(*bad, warm)
+    text = summary(
+        collected.finish(decide(collected, pytest_exit=1), ""), tmp_path, verbose=False, width=80, colour=False
+    )
     lines = text.splitlines()
     assert lines[0] == "FAIL. 3 measurements out of their limits."
     failed = lines.index("  heading.direct.max 6.30 deg (limit 1.8), test_heading.py:74")
@@ -247,14 +236,14 @@ def test_a_logarithmic_axis_has_no_zero() -> None:
 
 def test_what_streams_know_on_the_way_is_in_both_reports(findings: Make, good: list[Measurement]) -> None:
     cycles = {"cycles_mean": 246.03, "cycles_median": 246.0, "cycles_max": 255.0, "fit_cycles": 3503}
-    made = findings(
+    collected = findings(
         *good,
         *(
             check(f"stream.direct-stream.{name}", value, unit="cycle", cycle_model="m")
             for name, value in cycles.items()
         ),
     )
-    run = made.finish(decide(made, pytest_exit=0), "")
+    run = collected.finish(decide(collected, pytest_exit=0), "")
     page = Page(html_report(run)).text
     assert "Streaming calibrators" in page
     rows = [line for line in markdown_report(run).splitlines() if line.startswith(("| direct-stream", "| slow-stream"))]
@@ -285,10 +274,6 @@ def without_column(table: Table, name: str) -> Table:
         tuple(table.columns[index] for index in keep),
         tuple(tuple(row[index] for index in keep) for row in table.rows),
     )
-
-
-def test_a_run_without_curves_draws_none(run: Run) -> None:
-    assert budget_figures(replace(run, tables=())) == []
 
 
 def test_a_long_number_at_the_right_end_of_an_axis_is_not_cut() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.recorder import Recorder
 from hiltest.run_record.run import Findings, TestResult, Verdict
-from hiltest.run_record.run_json import content_to_json, to_json, write_run
+from hiltest.run_record.run_json import content_to_json, write_run
 
 PASSED = Verdict("pass", 0, "PASS.", complete=True)
 OUTPUT = ["report.html", "report.md"]
@@ -45,7 +44,7 @@ def report(*arguments: object) -> int:
 
 
 def names(folder: Path) -> list[str]:
-    return sorted(each.name for each in folder.iterdir())
+    return sorted(path.name for path in folder.iterdir())
 
 
 def test_the_reports_of_a_folder_are_those_that_the_run_wrote(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -80,12 +79,12 @@ def test_another_folder_gets_record_and_reports_and_loses_what_was_there(folder:
 def test_a_folder_that_another_run_has_is_left_alone(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    taken = tmp_path / "taken"
-    taken.mkdir()
-    journal = Journal(taken)
-    assert report(folder, "--out", taken) == 4
-    assert f"ERROR: the folder {taken} is in use" in capsys.readouterr().err
-    assert names(taken) == [JOURNAL_FILE]
+    busy = tmp_path / "busy"
+    busy.mkdir()
+    journal = Journal(busy)
+    assert report(folder, "--out", busy) == 4
+    assert f"ERROR: the folder {busy} is in use" in capsys.readouterr().err
+    assert names(busy) == [JOURNAL_FILE]
     journal.release()
 
 
@@ -112,7 +111,7 @@ class TestUnfinished:
         assert names(recorder.folder) == sorted([*OUTPUT, JOURNAL_FILE])
         page = (recorder.folder / "report.html").read_text(encoding="utf-8")
         assert sentence in page
-        assert [each.name for each in good if each.name not in page] == []
+        assert [measurement.name for measurement in good if measurement.name not in page] == []
         assert sentence in (recorder.folder / "report.md").read_text(encoding="utf-8")
 
     def test_one_that_goes_on_says_so(self, recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,7 +123,7 @@ class TestUnfinished:
         recorder.release()
         assert report(recorder.folder, "--out", tmp_path / "copy") == 0
         stored = read_record(tmp_path / "copy")
-        assert stored.path.name == RUN_FILE
+        assert stored.file.path.name == RUN_FILE
         assert stored.run == read_record(recorder.folder).run
         assert (stored.run.verdict.outcome, stored.run.verdict.complete) == ("cut short", False)
 
@@ -249,8 +248,8 @@ def places(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str 
     if place:
         yield place
     inner = value.items() if isinstance(value, dict) else enumerate(value[:3]) if isinstance(value, list) else ()
-    for step, each in inner:
-        yield from places(each, (*place, step))
+    for step, content in inner:
+        yield from places(content, (*place, step))
 
 
 @given(data=st.data())
@@ -289,41 +288,9 @@ def test_no_value_anywhere_makes_more_than_a_sentence(
     assert (code, error) == (0, "") or (code == 4 and error.startswith("ERROR: ") and error.count("\n") == 1)
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("", "not JSON"),
-        ("[" * 100_000, "nested more than"),
-        ('{"schema": "hiltest.run/1", "schema": "hiltest.run/1"}', "stands twice"),
-        ('{"schema": "hiltest.run/1", "seed": NaN}', "NaN is not a number"),
-        ('{"schema": "hiltest.run/2"}', "use the version that wrote it"),
-        ("\ufeff{}", "BOM"),
-    ],
-)
-def test_what_is_no_record_is_a_usage_error(
-    tmp_path: Path, text: str, complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "no-run.json"
-    path.write_text(text, encoding="utf-8")
-    assert report(path) == 4
-    assert complaint in capsys.readouterr().err
-
-
-def test_a_hundred_megabytes_are_refused_unread(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "large.json"
-    path.touch()
-    os.truncate(path, 100 * 1024 * 1024)
-    assert report(path) == 4
-    assert "larger than 33554432 bytes" in capsys.readouterr().err
-
-
 def test_a_folder_without_a_record_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert report(tmp_path) == 4
     assert report(tmp_path / "gone") == 4
     errors = capsys.readouterr().err.splitlines()
     assert errors[0].startswith(f"ERROR: {tmp_path} has no record of a run: neither {RUN_FILE} nor a line in")
     assert errors[1].startswith(f"ERROR: {tmp_path / 'gone'}: No such file")
-
-
-def test_what_a_run_wrote_is_what_is_written_again(folder: Path, tmp_path: Path) -> None:
-    assert to_json(read_record(folder).run) == (folder / RUN_FILE).read_text(encoding="utf-8")

@@ -54,7 +54,11 @@ def test_the_tables_make_the_worlds_disturbances(with_tables):
     rig = with_tables(CURRENT + PASSING + CABLE)
     disturbances = build_world(rig).disturbances
     assert disturbances.current.current_a(45.25) == 4.0
-    assert disturbances.passing.field_ned_ut(70.0) == rig.world.passing.in_world().field_ned_ut(70.0) != (0.0, 0.0, 0.0)
+    assert (
+        disturbances.passing.field_ned_ut(70.0)
+        == rig.world.passing.make_disturbance().field_ned_ut(70.0)
+        != (0.0, 0.0, 0.0)
+    )
     assert disturbances.cable.field_ut(79.0) == (0.0, 0.0, 0.0) != disturbances.cable.field_ut(85.0)
     assert list(rig.world.disturbances) == ["current", "passing", "cable"]
 
@@ -127,7 +131,7 @@ def test_no_field_is_ever_stronger_than_what_the_range_is_checked_with():
         (passing, np.linspace(50, 54, 2000)),
         (cable, np.linspace(0, 2, 1000)),
     ):
-        world = table.in_world()
+        world = table.make_disturbance()
         field = world.field_ned_ut if table is passing else world.field_ut
         most = max(math.hypot(*field(float(time_s))) for time_s in times)
         assert 0.3 * table.largest_ut < most <= table.largest_ut

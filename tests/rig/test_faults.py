@@ -34,14 +34,14 @@ reset = { by = "brown-out", after_s = 9.0 }
 """
 
 
-def with_faults(folder: Path, table: str) -> Rig:
+def add_faults(folder: Path, table: str) -> Rig:
     path = folder / "rig.toml"
     path.write_text(f"{DEFAULT.read_text(encoding='utf-8')}\n[faults]\n{table}", encoding="utf-8")
     return load_rig(path)
 
 
 def test_every_fault_is_read_and_said_in_words(tmp_path: Path) -> None:
-    faults = with_faults(tmp_path, ALL).faults
+    faults = add_faults(tmp_path, ALL).faults
     assert faults == Faults(
         seed=7,
         direction="to-board",
@@ -68,7 +68,7 @@ def test_every_fault_is_read_and_said_in_words(tmp_path: Path) -> None:
 
 
 def test_faults_are_one_of_the_conditions_and_none_leaves_them_as_they_were(tmp_path: Path) -> None:
-    digests = {conditions_sha256(with_faults(tmp_path, table)) for table in ("lose = 1e-3", "lose = 2e-3", ALL)}
+    digests = {conditions_sha256(add_faults(tmp_path, table)) for table in ("lose = 1e-3", "lose = 2e-3", ALL)}
     assert len(digests | {conditions_sha256(load_rig(DEFAULT))}) == 4
     assert load_rig(DEFAULT).faults is None
 
@@ -100,14 +100,14 @@ def test_faults_are_one_of_the_conditions_and_none_leaves_them_as_they_were(tmp_
 )
 def test_a_wrong_value_is_named_with_file_line_and_key(tmp_path: Path, table: str, key: str, words: str) -> None:
     with pytest.raises(ConfigError, match=r"rig\.toml:\d+: ") as caught:
-        with_faults(tmp_path, table)
+        add_faults(tmp_path, table)
     assert key in str(caught.value)
     assert words in str(caught.value)
 
 
 def test_an_unknown_key_is_named_with_the_nearest_known_one(tmp_path: Path) -> None:
     with pytest.raises(UnknownKeyError, match="did you mean 'lose'"):
-        with_faults(tmp_path, "loose = 0.1")
+        add_faults(tmp_path, "loose = 0.1")
 
 
 def test_faults_of_a_board_are_of_a_virtual_one_and_of_a_part_that_it_has(tmp_path: Path) -> None:

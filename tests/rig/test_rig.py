@@ -292,7 +292,7 @@ def test_a_function_to_count_is_named_alone_or_with_the_word_that_ends_its_solut
     rig = edited("[limits]", f"[cycles]\n{written}[limits]")
     assert rig.cycles["direct"] == CountedFunctions(("fit",))
     assert rig.cycles["slices"] == CountedFunctions(("a", "b"), "state+0x10", "zero", 1)
-    assert Declared.of(rig).functions == {"direct": "fit"}
+    assert Declared.select(rig).functions == {"direct": "fit"}
     with pytest.raises(UnknownKeyError, match="ends_when"):
         edited("[limits]", '[cycles]\nfit = { functions = ["a"], end_when = "zero" }\n[limits]')
 
@@ -397,8 +397,8 @@ def test_truth_is_in_counts_and_a_real_bench_has_none():
 def test_the_true_mounting_may_differ_from_the_declared_one(edited):
     rig = edited("[mounting]\nyaw_deg = 1.7 ", "[mounting]\nyaw_deg = 0.0 ")
     believed = replace(rig, world=replace(rig.world, mounting_yaw_deg=None))
-    assert build_world(rig).at(0.0).pose.heading_deg == 1.7
-    assert build_world(believed).at(0.0).pose.heading_deg == 0.0
+    assert build_world(rig).state_at(0.0).pose.heading_deg == 1.7
+    assert build_world(believed).state_at(0.0).pose.heading_deg == 0.0
     assert world_truth(rig).mounting_yaw_deg == 1.7
 
 
@@ -424,11 +424,11 @@ def test_a_bench_may_leave_its_mounting_undeclared(edited):
     table = text[text.index("[mounting]") : text.index("[turntable]")]
     rig = edited(table, "")
     assert rig.mounting is None
-    assert build_world(rig).at(0.0).pose.heading_deg == 1.7  # the board stays as it sits
+    assert build_world(rig).state_at(0.0).pose.heading_deg == 1.7  # the board stays as it sits
     # Nothing is known of the mounting, so the table alone bounds what a limit may ask.
     assert rig.reference_uncertainty_deg("heading.direct.max") == pytest.approx(0.1)
     straight = replace(rig, world=replace(rig.world, mounting_yaw_deg=None))
-    assert build_world(straight).at(0.0).pose.heading_deg == 0.0
+    assert build_world(straight).state_at(0.0).pose.heading_deg == 0.0
 
 
 HARSH = RIGS / "virtual-k64f-harsh.toml"
@@ -455,7 +455,7 @@ def test_the_judged_poses_of_the_harsh_rigs_lie_all_inside_what_is_covered_or_al
     covered, world = rig.turntable.covered, build_world(rig)
     observed = 0
     for pose in rig.procedure.known_angle_poses():
-        field = world.at(world.turn_to(pose, time_s=0.0)).field_body_ut
+        field = world.state_at(world.turn_to(pose, time_s=0.0)).field_body_ut
         along = sum(a * b for a, b in zip(covered.axis, field, strict=True)) / math.hypot(*field)
         observed += along / math.hypot(*covered.axis) > 1.0 - 2.0 * covered.fraction
     assert observed == inside

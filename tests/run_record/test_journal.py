@@ -142,7 +142,7 @@ def test_a_last_line_that_is_whole_but_for_its_end_is_not_taken_for_finished(cut
     ("line", "complaint"),
     [
         ("{", "line 6 is damaged: Expecting property name"),
-        ("[]", "line 6 is not an entry of a journal"),
+        ("[]", r"line 6 is damaged: \[\] is no object"),
         ("{}", "line 6 is not an entry of a journal: 'kind'"),
         ('{"kind": "test", "test": null, "utc": "", "measurements": [{}], "tables": []}', "line 6 .*: 'name'"),
         ('{"kind": "test", "test": null, "utc": "", "measurements": 1, "tables": []}', "line 6 is not an entry"),

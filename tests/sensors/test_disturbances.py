@@ -47,7 +47,7 @@ def test_a_part_reads_the_field_of_what_disturbs_it_at_the_instant_of_its_sample
     for time_s in (1.0, 2.9, 3.1, 3.3, 3.7, 4.0, 4.4, 9.0):
         # Both have the same noise: what is left is the field, and a count of rounding. A sample is up to 12.5 ms old.
         change = disturbed(time_s) - calm(time_s)
-        fields = [disturbances.by_cause_ut(time_s - age_s, POSE)[cause] for age_s in np.linspace(0.0, 0.0125, 6)]
+        fields = [disturbances.fields_by_cause_ut(time_s - age_s, POSE)[cause] for age_s in np.linspace(0.0, 0.0125, 6)]
         assert (change >= np.min(fields, axis=0) - 0.101).all()
         assert (change <= np.max(fields, axis=0) + 0.101).all()
         observed |= bool(np.linalg.norm(change) > 2.0)

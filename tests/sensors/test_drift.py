@@ -83,9 +83,9 @@ def test_offset_and_sensitivity_follow_the_temperature_in_the_body_frame(make, a
         change = body(drifting, time_s) - body(steady, time_s)
         true = {
             body_gyroscope: np.array([10.0, 20.0, -30.0]),
-            body_mag3110: np.array(world.at(0.0).field_body_ut),
-            body_magnetometer: np.add(world.at(0.0).field_body_ut, [5.0, 6.0, 7.0]),
-            body_accelerometer: np.array(world.at(0.0).gravity_body_g),
+            body_mag3110: np.array(world.state_at(0.0).field_body_ut),
+            body_magnetometer: np.add(world.state_at(0.0).field_body_ut, [5.0, 6.0, 7.0]),
+            body_accelerometer: np.array(world.state_at(0.0).gravity_body_g),
         }[body]
         # A sample is up to 12.5 ms old: 1/80 degC.
         slack = 2 * half_a_count + 0.0125 * np.abs(np.array(GAIN) * true + offset)

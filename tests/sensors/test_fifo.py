@@ -137,9 +137,9 @@ def test_an_hour_unread_costs_no_more_than_a_moment():
     class CountingWorld(World):
         asked = 0
 
-        def at(self, time_s):
+        def state_at(self, time_s):
             self.asked += 1
-            return super().at(time_s)
+            return super().state_at(time_s)
 
     for setup in (CIRCULAR, STOP):
         world = CountingWorld(FIELD)

@@ -38,7 +38,5 @@ def test_ten_times_is_of_the_cycles_after_which_little_changes() -> None:
     cycles = dict.fromkeys(NAMES, 60_000.0) | {"direct": 4_000.0}
     enough = cycles | {"gauss-newton": 30_000.0}
     result = STUDY.conclude(PLAN, [[numbers(cycles, enough)]])
-    reproduced = {
-        item.figure.removeprefix("how many times faster than "): item.reproduced for item in result.printed[1:]
-    }
+    reproduced = {item.figure.removeprefix("speed ratio to "): item.reproduced for item in result.printed[1:]}
     assert reproduced == {"FSFLK": True, "gradient descent": True, "Gauss-Newton": False}

@@ -13,7 +13,7 @@ from hiltest.calibration.fit import FitStatus
 from hiltest.rig.bench_files import shipped
 from hiltest.run_record.reader import read_record
 from hiltest.studies.board_calibrators import board_calibrators
-from hiltest.studies.choose import RECOMMENDED, RUNNER_UP, TOO_DEAR, Candidate, chosen, conclude, measure
+from hiltest.studies.choose import RECOMMENDED, RUNNER_UP, TOO_DEAR, Candidate, choose_calibrator, conclude, measure
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Conditions, Plan
 
@@ -46,7 +46,7 @@ def test_errors_and_cycles_are_those_of_the_board_under_these_conditions() -> No
 )
 def test_the_cheapest_is_taken_of_those_that_the_instances_cannot_tell_apart(other: Candidate, selected: str) -> None:
     for candidates in ([BEST, other], [other, BEST]):
-        result = chosen(candidates)
+        result = choose_calibrator(candidates)
         assert result is not None
         assert result.name == selected
 
@@ -60,7 +60,7 @@ def concluded(cycles: int | None) -> Conclusion:
         item[:, index, 2] = 1000 * (index + 1)
         item[0, index, 2] += 500
     halves = [half.ravel().tolist() for half in (item[:20], item[20:])]
-    return conclude(replace(PLAN, given=replace(GIVEN, cycles=cycles)), [halves])
+    return conclude(replace(PLAN, conditions=replace(GIVEN, cycles=cycles)), [halves])
 
 
 @pytest.mark.parametrize("affordable", [0, 1, 2, None])
@@ -75,12 +75,12 @@ def test_the_budget_holds_for_every_instance(affordable: int | None) -> None:
     assert [name for name, mark in marks.items() if mark == RUNNER_UP] == list(names[:within][-2:-1])
     if within:
         error = f"{LARGEST_DEG / 2.0 ** (within - 1):.2f}"
-        assert f"take {names[within - 1]} ({error} deg in the median" in result.sentence
+        assert f"use {names[within - 1]} ({error} deg in the median" in result.sentence
         assert f"{within} 000 cycles, at most {within} 500)" in result.sentence
     else:
-        assert f"cycles: none; the cheapest is {names[0]} ({LARGEST_DEG:.2f} deg" in result.sentence
+        assert f"cycles: no calibrator; the cheapest is {names[0]} ({LARGEST_DEG:.2f} deg" in result.sentence
     # What errs less and is not within the budget is named, and of that the best.
-    more = f"for more cycles {names[-1]} (" in result.sentence
+    more = f"with more cycles {names[-1]} (" in result.sentence
     assert more == (0 < within < len(names))
 
 

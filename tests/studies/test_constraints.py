@@ -35,11 +35,11 @@ def test_the_optimum_is_that_of_the_direct_fit() -> None:
     points = draw_instances(Model(2, 40, 5.0), 0, 3).points_ut
     for item, shape in zip(points, fit_quadrics(points).shape, strict=True):
         # Both are of unit trace, and neither depends on where the points lie or how large they are.
-        assert shape_of(unconstrained(Clouds.of(item))) == pytest.approx(shape, abs=1e-9)
+        assert shape_of(unconstrained(Clouds.centre(item))) == pytest.approx(shape, abs=1e-9)
 
 
 def test_a_calibration_s_quadric_is_the_ellipsoid_it_takes_to_the_unit_sphere() -> None:
-    clouds = Clouds.of(draw_instances(Model(3, 40, 0.0, stretch=0.2), 0, 1).points_ut[0])
+    clouds = Clouds.centre(draw_instances(Model(3, 40, 0.0, stretch=0.2), 0, 1).points_ut[0])
     result = coefficients(fit_li.solve(clouds))
     assert np.abs(clouds.rows @ result).max() < 1e-8  # noiseless points lie on it, to the table of cosines
     assert is_ellipsoid(result)
@@ -75,5 +75,5 @@ def test_one_fit_that_is_not_bettered_is_not_what_the_thesis_says() -> None:
 
 def test_points_that_always_make_an_ellipsoid_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(constraints, "_ATTEMPTS", 3)
-    with pytest.raises(HiltestError, match="1000 points near an ellipsoid were fitted by an ellipsoid 3 times"):
+    with pytest.raises(HiltestError, match="the best quadric of 1000 points was an ellipsoid 3 times"):
         measure(Plan("constraints", 1, 1, 1000), Block(0, 0, 1))

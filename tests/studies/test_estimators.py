@@ -40,7 +40,7 @@ def concluded(**errors_deg: float) -> Conclusion:
 
 def test_the_calibrator_that_errs_least_is_named_with_its_median() -> None:
     sentence = concluded(taubin=0.5, geometric=0.7).sentence
-    assert "taubin errs least, 0.50 deg in the median of 40 instances; direct 3.00" in sentence
+    assert "taubin has the smallest error, 0.50 deg in the median of 40 instances; direct has 3.00" in sentence
 
 
 def test_each_calibrator_has_a_row_of_each_condition_with_intervals() -> None:

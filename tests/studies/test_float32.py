@@ -64,7 +64,7 @@ def test_stable_adds_no_more_than_a_tenth_more_noise_would(factor: float, stable
 def test_what_the_papers_say_is_judged_by_sums_about_zero(factor: float, message: list[bool]) -> None:
     result = concluded(direct_about_zero=factor)
     assert [figure.reproduced for figure in result.printed] == message
-    assert ("direct is not from 20 times the field on" in result.sentence) == (factor > 1.0)
+    assert ("direct is unstable from 20 times the field on" in result.sentence) == (factor > 1.0)
 
 
 def test_measurements_are_of_ten_times_the_field() -> None:

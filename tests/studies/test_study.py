@@ -152,7 +152,7 @@ def test_blocks_of_another_plan_are_neither_mixed_in_nor_thrown_away(tmp_path: P
     with pytest.raises(KeyboardInterrupt):
         run_study(PLAN, tmp_path, jobs=1, progress=ending, asked_to_end=ending.asked_to_end)
     before = (tmp_path / BLOCKS_FILE).read_bytes()
-    with pytest.raises(ConfigError, match=r"another study are kept here: hiltest .*seed 3, instances 60, points 20"):
+    with pytest.raises(ConfigError, match=r"another study: hiltest .*seed 3, instances 60, points 20"):
         run_study(other, tmp_path, jobs=1, progress=Progress())
     assert (tmp_path / BLOCKS_FILE).read_bytes() == before
 
@@ -194,7 +194,7 @@ class TestEveryStudy:
         assert run("study", name, "--instances", "2", "--jobs", "1", "--out", str(tmp_path)) == 0
         output = capsys.readouterr().out
         record = read_record(tmp_path)
-        assert not list(Draft202012Validator(json_schema("hiltest.run/1")).iter_errors(record.content))
+        assert not list(Draft202012Validator(json_schema("hiltest.run/1")).iter_errors(record.file.content))
         kinds = [identify(measurement.name).kind for measurement in record.run.measurements]
         assert {kind.name for kind in kinds if kind} == {kind for kind in KINDS if kind.startswith(f"study.{name}.")}
         assert None not in kinds

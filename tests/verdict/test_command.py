@@ -44,7 +44,7 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
 
 
 def test_1_says_that_the_new_run_fails_by_itself(changed: Changed, real_record: dict[str, Any]) -> None:
-    tests = [{**each, "outcome": "failed", "reason": "it broke"} for each in real_record["tests"][:1]]
+    tests = [{**test, "outcome": "failed", "reason": "it broke"} for test in real_record["tests"][:1]]
     name = tests[0]["id"].rpartition("/")[2]
     done = hiltest("compare", changed("base"), changed("new", {"tests": [*tests, *real_record["tests"][1:]]}))
     assert done.returncode == 1, done.stderr
@@ -59,7 +59,7 @@ def test_what_is_gone_is_accepted_by_the_commands_that_it_says(changed: Changed,
     base, new, file = changed("base"), changed("new", values={"heading.direct.max": None}), tmp_path / "kept.json"
     done = hiltest("compare", base, new)
     assert done.returncode == 22
-    line = next(each for each in done.stdout.splitlines() if "measurement missing" in each)
+    line = next(line for line in done.stdout.splitlines() if "measurement missing" in line)
     for command in re.findall(r"`hiltest ([^`]*)`", line):
         words = [{"FILE": str(file), "TEXT": "no more"}.get(part, part) for part in shlex.split(command)]
         assert hiltest(*words).returncode == 0, command
@@ -88,7 +88,7 @@ def test_what_got_better_is_kept_by_the_command_that_it_says(changed: Changed, t
 
 def test_a_campaign_may_miss_limits_on_as_many_seeds_as_it_was_allowed(changed: Changed, tmp_path: Path) -> None:
     record = json.loads(changed("base/seed-0001").read_text(encoding="utf-8"))
-    (missed,) = (each for each in record["measurements"] if each["name"] == "heading.direct.max")
+    (missed,) = (measurement for measurement in record["measurements"] if measurement["name"] == "heading.direct.max")
     missed |= {"value": 1.9, "outcome": "fail"}
     out = {"measurements": record["measurements"], "verdict.exit_code": 1, "verdict.outcome": "fail"}
     changed("base/seed-0001", out)
@@ -104,7 +104,7 @@ def test_a_campaign_may_miss_limits_on_as_many_seeds_as_it_was_allowed(changed: 
 def test_22_says_why_in_one_line(changed: Changed, tmp_path: Path) -> None:
     done = hiltest("compare", tmp_path / "none.json", changed("new"))
     assert done.returncode == 22
-    (line,) = (each for each in done.stdout.splitlines() if each.startswith("Cannot say whether it may be merged "))
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("Cannot say whether it may be merged "))
     assert "none.json: No such file or directory" in line
     done = hiltest("compare", changed("base"), changed("new", {"board.cycle_model": "silicon-dwt"}))
     assert done.returncode == 22
@@ -141,10 +141,10 @@ def test_json_has_every_measurement(changed: Changed) -> None:
     content = json.loads(done.stdout)
     assert (done.returncode, content["schema"]) == (21, "hiltest.comparison/1")
     (comparison,) = content["comparisons"]
-    found = {each["name"]: each for each in comparison["differences"]}
-    assert len(found) > 140
-    assert (found["heading.direct.max"]["change"], found["heading.direct.max"]["new"]) == ("worse", 1.7)
-    assert found["heading.direct.max"]["limit"] == {"min": None, "max": 1.8}
+    differences = {difference["name"]: difference for difference in comparison["differences"]}
+    assert len(differences) > 140
+    assert (differences["heading.direct.max"]["change"], differences["heading.direct.max"]["new"]) == ("worse", 1.7)
+    assert differences["heading.direct.max"]["limit"] == {"min": None, "max": 1.8}
     assert comparison["sentence"].startswith("Not to be merged (against ")
 
 
@@ -213,10 +213,17 @@ def test_a_limit_that_is_accepted_with_the_number_is_printed(
 ) -> None:
     file, limit = tmp_path / "baseline.json", {"heading.direct.max": {"min": None, "max": 3.0}, "link.retried": None}
     assert hiltest("baseline", "save", changed("run"), file).returncode == 0
-    looser = [{**each, "limit": limit.get(each["name"], each["limit"])} for each in real_record["measurements"]]
+    looser = [
+        {**measurement, "limit": limit.get(measurement["name"], measurement["limit"])}
+        for measurement in real_record["measurements"]
+    ]
     run = changed("looser", {"measurements": looser}, {"heading.direct.max": 1.9})
     done = hiltest("baseline", "update", file, run, "--accept", "*", "--because", "another compass")
-    was = next(each["value"] for each in real_record["measurements"] if each["name"] == "heading.direct.max")
+    was = next(
+        measurement["value"]
+        for measurement in real_record["measurements"]
+        if measurement["name"] == "heading.direct.max"
+    )
     lines = done.stdout.splitlines()[:-1]
     assert f"heading.direct.max: {was:.6g} -> 1.9; limit at most 1.8 -> at most 3" in lines
     assert "link.retried: 0 -> 0; limit at most 0 -> none" in lines
@@ -276,7 +283,7 @@ def test_a_baseline_that_is_saved_again_keeps_its_history(changed: Changed, tmp_
     assert accepted.returncode == 0, accepted.stderr
     assert hiltest("baseline", "save", run, file).returncode == 0
     saved = json.loads(file.read_text(encoding="utf-8"))
-    assert [(each["name"], each["because"]) for each in saved["history"]] == [
+    assert [(entry["name"], entry["because"]) for entry in saved["history"]] == [
         ("cycles.direct.total", "it checks less"),
         ("*", "renewed"),
     ]
@@ -302,15 +309,15 @@ def on_a_bench(changed: Changed, folder: str, values: dict[str, float]) -> Path:
 def test_several_runs_of_a_bench_say_how_much_they_differ(changed: Changed, tmp_path: Path) -> None:
     rms, largest, file = "heading.direct.rms", "heading.direct.max", tmp_path / "base.json"
     noise = [0.00, 0.03, -0.04, 0.02, -0.03, 0.04, -0.005, -0.015]
-    runs = [on_a_bench(changed, f"run-{number}", {rms: 0.36 + each}) for number, each in enumerate(noise)]
+    runs = [on_a_bench(changed, f"run-{number}", {rms: 0.36 + deviation}) for number, deviation in enumerate(noise)]
     saved = hiltest("baseline", "save", *runs, file)
     assert saved.stdout.rstrip().endswith("8 runs"), saved.stderr
     assert hiltest("compare", file, runs[0]).returncode == 0
     worse = on_a_bench(changed, "worse", {rms: 0.66, largest: 1.7})
     done = hiltest("compare", file, worse)
     assert done.returncode == 21, done.stdout
-    (found,) = re.findall(rf"{re.escape(rms)} 0\.36 -> 0\.66 deg .*, seen from (\S+) deg on$", done.stdout, re.M)
-    assert 0.05 < float(found) < 0.3
+    (seen_from,) = re.findall(rf"{re.escape(rms)} 0\.36 -> 0\.66 deg .*, seen from (\S+) deg on$", done.stdout, re.M)
+    assert 0.05 < float(seen_from) < 0.3
     # One run says nothing of its noise: the same change is three deviations of the default rig.
     alone = hiltest("compare", runs[0], worse)
     assert alone.returncode == 0
@@ -338,8 +345,12 @@ def test_detect_says_how_many_runs_a_side_see_a_change(changed: Changed, tmp_pat
     assert 628 < needed["heading.dpi.max"] < 2500
     assert re.search(r"^heading\.direct\.rms +\S+ +\d+ +1 +0\.01 *$", done.stdout, re.M), "one seed, paired"
     programs = json.loads(hiltest("compare", "--json", "--detect", "0.05deg", baseline).stdout)
-    (found,) = (each for each in programs["detection"]["measurements"] if each["name"] == "heading.direct.rms")
-    assert (found["runs"], found["seeds"]) == (needed["heading.direct.rms"], 1)
+    (detection,) = (
+        measurement
+        for measurement in programs["detection"]["measurements"]
+        if measurement["name"] == "heading.direct.rms"
+    )
+    assert (detection["runs"], detection["seeds"]) == (needed["heading.direct.rms"], 1)
     with_new = hiltest("compare", "--detect", "0.05deg", changed("base"), changed("new"))
     assert with_new.returncode == 0
     assert "May be merged" in with_new.stdout

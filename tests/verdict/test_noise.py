@@ -248,11 +248,11 @@ def test_a_largest_error_that_leaves_its_limit_is_worse_on_a_bench_too() -> None
 
 def test_what_runs_of_a_bench_differ_by_is_the_tolerance_that_is_shown() -> None:
     base, new = bench("compass.lag", 4.0, 5.0, 6.0, 5.0, 5.0), bench("compass.lag", 5.5)
-    (result,) = compare(base, new).differences
-    assert (result.change, result.base, result.new) == (Change.UNCHANGED, 5.0, 5.5)
-    assert result.tolerance.absolute == pytest.approx(t.ppf(1.0 - FALSE_ALARMS / 2, 4) * 0.5**0.5 * 1.2**0.5)
-    (result,) = compare(base, bench("compass.lag", 9.5)).differences
-    assert result.change is Change.CHANGED
+    (difference,) = compare(base, new).differences
+    assert (difference.change, difference.base, difference.new) == (Change.UNCHANGED, 5.0, 5.5)
+    assert difference.tolerance.absolute == pytest.approx(t.ppf(1.0 - FALSE_ALARMS / 2, 4) * 0.5**0.5 * 1.2**0.5)
+    (difference,) = compare(base, bench("compass.lag", 9.5)).differences
+    assert difference.change is Change.CHANGED
 
 
 @pytest.mark.parametrize("side", ["base", "new"])
@@ -261,9 +261,9 @@ def test_a_run_of_several_without_a_number_is_never_left_out(side: str) -> None:
     whole = bench(name, 0.4, 0.5, 0.4, 0.5, 0.4)
     some = evidence(*([measurement(name, value)] for value in (0.4, 0.5, None)), conditions=ON_A_BENCH)
     comparison = compare(some, whole) if side == "base" else compare(whole, some)
-    (result,) = comparison.differences
-    assert result.change is (Change.NEW if side == "base" else Change.GONE)
-    assert comparison.evaluated is (side == "base" and bool(result.seeds))
+    (difference,) = comparison.differences
+    assert difference.change is (Change.NEW if side == "base" else Change.GONE)
+    assert comparison.evaluated is (side == "base" and bool(difference.seeds))
 
 
 def test_a_test_that_one_of_several_runs_lacks_is_missed() -> None:
@@ -284,9 +284,9 @@ def test_what_would_be_worse_alone_is_shown_among_many() -> None:
     ]
     base = evidence([measurement(name, 0.4) for name in names], conditions=ON_A_BENCH)
     new = evidence([measurement(name, 0.4 + 0.3 * (name == names[0])) for name in names], conditions=ON_A_BENCH)
-    (result,) = compare(base, new).differences_with(Change.CHANGED)
-    assert result.name == names[0]
-    assert "but not of 12: compare more runs" in result.note
+    (difference,) = compare(base, new).differences_with(Change.CHANGED)
+    assert difference.name == names[0]
+    assert "but not of 12: compare more runs" in difference.note
     assert compare(bench(names[0], 0.4), bench(names[0], 0.7)).regression
 
 
@@ -301,15 +301,15 @@ def test_a_tolerance_is_kept_on_a_bench_that_is_quieter_and_gives_way_to_noise()
     quiet = [0.0001 * (-1.0) ** number for number in range(8)]
     for moved, change in ((0.004, Change.UNCHANGED), (0.006, Change.WORSE)):
         name = "fit.direct.rotation_left"
-        (result,) = compare(
+        (difference,) = compare(
             bench(name, *(0.02 + deviation for deviation in quiet)),
             bench(name, *(0.02 + moved + deviation for deviation in quiet)),
         ).differences
-        assert result.change is change
-        assert result.tolerance.absolute == 0.005
+        assert difference.change is change
+        assert difference.tolerance.absolute == 0.005
     loud = [0.12 * (-1.0) ** number for number in range(200)]
     base, new = (bench("heading.dpi.rms", *(middle + item for item in loud)) for middle in (0.40, 0.47))
-    (result,) = compare(base, new).differences
-    assert result.change is Change.WORSE
-    assert result.seen is not None
-    assert result.seen < 0.07 < 0.1
+    (difference,) = compare(base, new).differences
+    assert difference.change is Change.WORSE
+    assert difference.seen is not None
+    assert difference.seen < 0.07 < 0.1

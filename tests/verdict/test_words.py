@@ -17,8 +17,8 @@ from .evidence import evidence, measurement, over_seeds
 def test_all_of_it_stands_in_one_line() -> None:
     limit = Limit(max=12_500)
     base, new = (over_seeds("cycles.direct.total", value, limit=limit, unit="cycle") for value in (11_061, 11_161))
-    (result,) = compare(base, new).differences
-    assert numbers(result) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
+    (difference,) = compare(base, new).differences
+    assert numbers(difference) == "11 061 -> 11 161 cycles (+100, +0.9 %; limit at most 12 500)"
 
 
 @pytest.mark.parametrize(
@@ -106,8 +106,8 @@ def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
     ],
 )
 def test_percent_are_given_where_they_mean_something(base: float, new: float, words: str) -> None:
-    (result,) = compare(over_seeds("compass.lag", base), over_seeds("compass.lag", new)).differences
-    assert moved(result) == words
+    (difference,) = compare(over_seeds("compass.lag", base), over_seeds("compass.lag", new)).differences
+    assert moved(difference) == words
 
 
 @pytest.mark.parametrize(
@@ -128,8 +128,8 @@ def test_a_share_of_next_to_nothing_is_cut(share: float, words: str) -> None:
 def test_over_eight_seeds_the_interval_is_shown() -> None:
     base = over_seeds("heading.direct.max", *[0.9] * 8, unit="deg")
     new = over_seeds("heading.direct.max", *(1.2 + step / 100 for step in range(8)), unit="deg")
-    (result,) = compare(base, new).differences
-    assert numbers(result) == "0.9 -> 1.235 deg (+0.335, +37 %, 95 % +0.3145 to +0.3555)"
+    (difference,) = compare(base, new).differences
+    assert numbers(difference) == "0.9 -> 1.235 deg (+0.335, +37 %, 95 % +0.3145 to +0.3555)"
 
 
 def test_what_is_new_or_gone_shows_its_one_number() -> None:

@@ -65,7 +65,7 @@ def outcome(
     watch = ExecutionWatch(processor)
     sent: list[tuple[int, bytes]] = []
     messages: list[str] = []
-    board.tell(messages.append)
+    board.report_waits(messages.append)
 
     def look() -> bool:
         if board.uart0.host_waiting:

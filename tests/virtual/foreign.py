@@ -341,7 +341,7 @@ def watch(program: Program, machine: VirtualK64F, seconds: float | None = None) 
             observed.output += machine.uart0.host_read(machine.uart0.host_waiting)
             observed.arrived.append((now, len(observed.output)))
     for event in machine.events:
-        observed.toggles.setdefault(event.what, []).append(event.time_s)
+        observed.toggles.setdefault(event.part, []).append(event.time_s)
     return observed
 
 

@@ -140,12 +140,6 @@ class PriceModel:
             return Reached.BY_BRANCH if instruction.target is None or instruction.target % 4 else Reached.ANYHOW
         return Reached.BY_REGISTER
 
-    def reached_late(self, instruction: Instruction, state: PipelineState) -> int:
-        """Return the part of an instruction's cycles that comes of how execution came to it."""
-        if self._rules is None or not state.reached:
-            return 0
-        return self.step(instruction, state)[0] - self.step(instruction, state._replace(reached=Reached.ANYHOW))[0]
-
     def reached_past(self, instruction: Instruction) -> Reached:
         """Say how execution comes to what is behind a transfer that is not taken."""
         if self._rules is None or instruction.size == 4:

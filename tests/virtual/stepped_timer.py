@@ -154,7 +154,7 @@ class TimerAlone:
         assert lib.machine_add_ftm(self._machine.handle, BASE, connections[0])
         self.interrupts: Changes = []
         self.edges: Changes = []
-        lib.machine_hear_channels(self._machine.handle, BASE, heard)
+        lib.machine_report_channels(self._machine.handle, BASE, heard)
 
     def _look(self, _context: object = None, _channel: int = 0) -> None:
         cycle = self._machine.core.cycles

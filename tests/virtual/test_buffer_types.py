@@ -62,15 +62,15 @@ def test_numbers_that_lie_as_the_function_has_them_are_passed(board, function, a
 @pytest.mark.parametrize(
     ("function", "arguments", "message"),
     [
-        ("dot", np.zeros(2), r"argument 1 of dot is const int16_t \*, not an array of float64: give 16-bit integers"),
-        ("dot", np.zeros(2, np.int32), r"const int16_t \*, not an array of int32: give 16-bit integers"),
+        ("dot", np.zeros(2), r"argument 1 of dot is const int16_t \*, not an array of float64: pass 16-bit integers"),
+        ("dot", np.zeros(2, np.int32), r"const int16_t \*, not an array of int32: pass 16-bit integers"),
         ("dot", np.zeros(2, np.float16), r"const int16_t \*, not an array of float16"),
-        ("first", np.zeros(2), r"const pair_t \* const, not an array of float64: give float32"),
-        ("matrix", np.zeros((3, 3), np.int32), r"const float\[\] \*, not an array of int32: give float32"),
-        ("tag", np.zeros(16, np.int16), r"struct tagged \*, not an array of int16: give 32-bit .* or 8-bit .* or f"),
-        ("bytes", np.zeros(2, np.uint16), r"volatile uint8_t \*, not an array of uint16: give 8-bit integers,"),
+        ("first", np.zeros(2), r"const pair_t \* const, not an array of float64: pass float32"),
+        ("matrix", np.zeros((3, 3), np.int32), r"const float\[\] \*, not an array of int32: pass float32"),
+        ("tag", np.zeros(16, np.int16), r"struct tagged \*, not an array of int16: pass 32-bit .* or 8-bit .* or f"),
+        ("bytes", np.zeros(2, np.uint16), r"volatile uint8_t \*, not an array of uint16: pass 8-bit integers,"),
         ("paint", np.zeros(2, np.float32), r"enum colour \*, not an array of float32"),
-        ("wide", np.zeros(2, np.float32), r"const double \*, not an array of float32: give float64"),
+        ("wide", np.zeros(2, np.float32), r"const double \*, not an array of float32: pass float64"),
     ],
 )
 def test_other_numbers_are_refused_with_both_types(board, function, arguments, message):

@@ -97,7 +97,7 @@ def test_numbers_of_numpy_are_passed_by_value(board: VirtualK64F) -> None:
         ("negative", (1 << 32,), "4294967296 does not fit its 32 bits"),
         ("negative", (1.5,), "argument 1 of negative is signed, not float"),
         ("wide", (1, b"12345678", 3, 4), "argument 2 of wide is signed64, not a buffer"),
-        ("sum", ([1.0, 2.0], 2), "argument 1 of sum cannot be list: give a number, bytes"),
+        ("sum", ([1.0, 2.0], 2), "argument 1 of sum cannot be list: pass a number, bytes"),
         ("sum", (np.zeros(6, np.float32)[::2], 3), "argument 1 of sum cannot be ndarray: .*contiguous"),
     ],
 )
@@ -166,5 +166,5 @@ def test_a_call_takes_its_time_at_the_clock_that_was_named_and_at_the_firmwares_
         board.call("poll", timeout_s=0.01, clock_hz=48e6)
     board.run_until(0.001)
     assert board.call("negative", 1).clock_hz == board.clocks.core_hz == pytest.approx(20.97152e6)
-    with pytest.raises(ConfigError, match=r"this firmware has set up 20\.9715 MHz"):
+    with pytest.raises(ConfigError, match=r"the running firmware has set up 20\.9715 MHz"):
         board.call("negative", 1, clock_hz=48e6)

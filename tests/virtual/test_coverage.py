@@ -221,7 +221,7 @@ def test_what_ran_before_a_reset_counts_too(build: Build) -> None:
 
 def test_an_image_without_lines_is_refused(build_c: Build) -> None:
     elf = build_c("int main(void) { return 0; }", "-g0")
-    with pytest.raises(ConfigError, match="has no line table"):
+    with pytest.raises(ConfigError, match=r"line table of .* is missing"):
         SourceMap(load_image(elf))
 
 
@@ -272,5 +272,5 @@ def test_counts_of_two_runs_add_up() -> None:
 
 @pytest.mark.parametrize("record", ["DA:1", "FN:main", "FNDA:1,f", "BRDA:1,0,2,-", "DA:1,x"])
 def test_what_is_no_record_of_lcov_is_refused_with_its_line(record: str) -> None:
-    with pytest.raises(ConfigError, match=r"lcov.info:2: .* is no record of LCOV"):
+    with pytest.raises(ConfigError, match=r"lcov.info:2: .* is not an LCOV record"):
         from_lcov(f"SF:a.c\n{record}\n", "lcov.info")

@@ -537,7 +537,7 @@ int main(void) {
 def test_a_timer_lets_one_request_through_at_each_expiry(build_c: Build) -> None:
     board = VirtualK64F(build_c(TOGGLING))
     board.run_until(0.05)
-    toggles = [event.time_s for event in board.events if event.what == "LED blue"]
+    toggles = [event.time_s for event in board.events if event.part == "LED blue"]
     assert len(toggles) == 6  # DREQ ends it
     # To the clock of the bus: nothing but the timer and the eDMA is at work.
     assert [later - earlier for earlier, later in itertools.pairwise(toggles)] == pytest.approx(

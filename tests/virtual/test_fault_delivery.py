@@ -181,7 +181,7 @@ def test_a_supervisor_call_that_may_not_run_is_a_hard_fault(build: Build) -> Non
     fault = run_to_the_handlers_loop(board)
     assert (record(board)["ipsr"], record(board)["hfsr"]) == (3, FORCED)
     assert record(board)["pc"] == board.image.symbols["culprit"].address & ~1  # behind the SVC
-    assert fault.cause.startswith("SVC where")
+    assert fault.cause.startswith("SVC while")
 
 
 def test_a_breakpoint_without_a_debugger_is_a_hard_fault(build: Build) -> None:

@@ -247,7 +247,7 @@ def test_commands_that_are_left_out_are_reported_by_name(build_c: Build, command
         f"FTFE_FCCOB0's {name} at 0x40020007 is not modelled; write of 0x{command >> 24:02x} from 0x"
     )
     assert "in command (program.c:" in answer
-    assert answer.endswith(" got ACCERR")
+    assert answer.endswith(" set ACCERR")
 
 
 def test_the_part_is_unsecured_and_its_settings_are_those_in_the_flash(build_c: Build) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import in_flash
+from hiltest.measurement import runs_from_flash
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, MEMORY_ROWS, MEMORY_RULES, load_profile
 from hiltest.virtual.profiling.image import ProfiledImage
@@ -116,7 +116,7 @@ def test_code_in_flash_waits_and_its_total_carries_its_uncertainty() -> None:
     called = ProfiledImage(SHIPPED, timing=MEMORIES).call("crc32", b"123456789", 9)
     assert (called.value, called.instructions) == (plain.value, plain.instructions)
     assert called.cycle_model == f"{MEMORIES}@flash"
-    assert in_flash(called.cycle_model)
+    assert runs_from_flash(called.cycle_model)
     assert called.memory_cycles == called.cycles - plain.cycles > 0
     assert called.band is not None
     assert (called.band.low, called.band.high) == (round(0.85 * called.cycles), round(1.15 * called.cycles))
@@ -154,11 +154,11 @@ def memory(row: str, value: int, most: int | None = None) -> str:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('name = "a"\nbase = "gone/1"', 'base: must be a profile that ships: .*; not "gone/1"'),
-        ('name = "a"\nbase = 3', "base: must be a profile that ships"),
+        ('name = "a"\nbase = "gone/1"', 'base: must be a shipped profile: .*; not "gone/1"'),
+        ('name = "a"\nbase = 3', "base: must be a shipped profile"),
         (
             f'name = "a"\nbase = "{DEFAULT_PROFILE}"\n[memory.flash_clocks]\nvalue = 4\nband = [4, 4]\nsource = "x"',
-            "memory.flash_line_bytes is missing, 12 rows in all",
+            "memory.flash_line_bytes is missing, 12 rows in total",
         ),
         (
             f'name = "a"\nbase = "{MEMORIES}"\n[memory.flash_clocks]\nvalue = 0\nband = [0, 4]\nsource = "x"',

@@ -123,7 +123,9 @@ def test_named_memories_make_it_another_part_also_where_the_k64f_has_some(linked
     elf = linked(*PARTS["K64F"])
     assert board_for(elf).call("port", 0x40047000).value is not None
     board = board_for(elf, memory="flash=0:512K, ram=0x20000000:64K")  # an nRF52832
-    with pytest.raises(BoardFault, match="0x40047000, where nothing is modelled: the memories are another part's"):
+    with pytest.raises(
+        BoardFault, match="0x40047000, where no peripheral is modelled: the memories are another part's"
+    ):
         board.call("port", 0x40047000)
     with pytest.raises(BoardFault, match="read of unmapped address 0x20010000"):
         board.call("port", 0x20010000)
@@ -137,7 +139,7 @@ def test_the_same_cycles_are_counted_by_the_profiler_which_names_the_memory(link
     counted = image.call("dot", np.array([1, 2], np.int16), 2)
     assert counted.cycle_model == "cortex-m4-trm/2@flash"
     assert counted.cycles == board_for(elf).call("dot", np.array([1, 2], np.int16), 2).cycles
-    with pytest.raises(ConfigError, match="cortex-m4-k64f/2 counts the K64F's memories"):
+    with pytest.raises(ConfigError, match="cortex-m4-k64f/2 prices the K64F's memories"):
         hiltest.cycles(elf, profile="cortex-m4-k64f/2")
 
 
@@ -154,19 +156,19 @@ def test_the_guess_covers_what_is_loaded_and_leaves_room_for_arguments(linked):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "'' is no memory; write it as flash="),
-        ("rom=0:1K,ram=0x20000000:4K", "'rom=0:1K' is no memory"),
+        ("", "'' is not a memory; write it as flash="),
+        ("rom=0:1K,ram=0x20000000:4K", "'rom=0:1K' is not a memory"),
         ("flash=0:512K", "has no RAM"),
-        ("ram=0x20000000:1K", "0x20000000:0x400 is no multiple of 4 KiB"),
-        ("ram=0x20000000:0", "is no multiple of 4 KiB"),
-        ("ram=0x40000000:4K", "where the processor has no memory"),
-        ("ram=0x3ffff000:8K", "where the processor has no memory"),
-        ("ram=0xffffffff:4096", "is no multiple of 4 KiB"),
-        ("ram=0x20000000:99999M", "is no memory|no memory"),
-        ("ram=0x20000000:128M", "where the processor has no memory"),
-        ("ram=0x60000000:128M", "more than 64 MiB"),
+        ("ram=0x20000000:1K", "0x20000000:0x400 is not a multiple of 4 KiB"),
+        ("ram=0x20000000:0", "is not a multiple of 4 KiB"),
+        ("ram=0x40000000:4K", "outside the processor's memory regions"),
+        ("ram=0x3ffff000:8K", "outside the processor's memory regions"),
+        ("ram=0xffffffff:4096", "is not a multiple of 4 KiB"),
+        ("ram=0x20000000:99999M", "is not a memory|is outside the processor"),
+        ("ram=0x20000000:128M", "outside the processor's memory regions"),
+        ("ram=0x60000000:128M", "exceed 64 MiB"),
         ("flash=0x20000000:64K,ram=0x20008000:64K", "overlap"),
-        ("ram=0x1ffe0000:128K", "0x1ffef000, where called functions return to"),
+        ("ram=0x1ffe0000:128K", "0x1ffef000, the return address of called functions"),
         ("flash=0x08000000:64K,ram=0x20000000:64K", "does not fit the memories flash=0x08000000"),
     ],
 )

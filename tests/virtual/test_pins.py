@@ -62,7 +62,7 @@ def test_a_button_lights_an_led_and_both_are_events(build: Build) -> None:
     assert board.is_on("LED red")
     board.release("SW2")
     board.run_until(0.003)
-    assert [(event.what, event.on) for event in board.events] == [
+    assert [(event.part, event.on) for event in board.events] == [
         ("SW2", True),
         ("LED red", True),
         ("SW2", False),
@@ -170,9 +170,9 @@ def test_a_pin_that_somebody_follows_has_a_signal_that_tells_of_each_edge(port: 
     messages: list[int] = []
     port.on_change = lambda _port: messages.append(port.driven_low >> 3 & 1)
     port.watch(1 << 3, follows_timers=follows)
-    port.lead(3, 4, signal)
+    port.connect(3, 4, signal)
     port.write(0x0C, 4, 4 << 8)
-    assert (signal.is_heard, messages) == (follows, [1] if follows else [])
+    assert (signal.has_listeners, messages) == (follows, [1] if follows else [])
     for level in (True, False):
         levels.append(level)
         signal.report_change()
@@ -181,7 +181,7 @@ def test_a_pin_that_somebody_follows_has_a_signal_that_tells_of_each_edge(port: 
     levels.append(True)
     assert port.levels == 1 << 3
     port.write(0x0C, 4, 0)
-    assert not signal.is_heard
+    assert not signal.has_listeners
 
 
 @pytest.mark.parametrize("name", ["PTF0", "PTC32", "PTC", "PT", "", "C5", "PTC05", "PTC\u0665", "ptc5", "PTCB5"])
@@ -191,7 +191,7 @@ def test_a_pin_that_is_none_is_refused_wherever_it_is_named(build: Build, name: 
     for ask in (
         lambda: board.level(name),
         lambda: board.drive(name, True),
-        lambda: board.lead_interrupts(0, part, int1=None, int2=name),
+        lambda: board.connect_interrupts(0, part, int1=None, int2=name),
     ):
         with pytest.raises(ConfigError, match=r"the MK64FN1M0 has no pin .*; write PTA0 to PTE31"):
             ask()

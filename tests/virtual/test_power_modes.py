@@ -154,9 +154,9 @@ def test_vlls_ends_in_a_reset_that_names_itself(build_c: Build, vlls: int, survi
 def test_a_board_that_nothing_can_wake_says_so(build_c: Build, set_up: str, mode: str) -> None:
     board = board_of(build_c, f"{set_up} sleep({mode});")
     board.run_until(0.2)
-    start = f"asleep ({mode}, without anything enabled that could wake it) in sleep"
+    start = f"asleep ({mode}, with no source of wake-up enabled) in sleep"
     assert board.position().startswith(start)
-    with pytest.raises(BoardFault, match="hang: WFI with nothing that could wake the processor"):
+    with pytest.raises(BoardFault, match="hang: WFI without anything that could wake the processor"):
         board.run_until(math.inf)
 
 

@@ -139,7 +139,7 @@ def test_a_gate_that_was_closed_is_closed_again(build: Callable[..., Path]) -> N
 
 def test_the_peripherals_of_a_board_do_not_go_to_another_one() -> None:
     board, other = VirtualK64F(default_firmware()), VirtualK64F(default_firmware())
-    with pytest.raises(ConfigError, match="of other memories or peripherals"):
+    with pytest.raises(ConfigError, match="has other memories or peripherals"):
         other.processor.machine.restore(board.snapshot().machine)
 
 
@@ -148,7 +148,7 @@ def test_the_wire_of_a_sensor_rises_again(build: Callable[..., Path]) -> None:
     board = VirtualK64F(build(LOOK.replace("function look", "function look\n b look")), i2c1=[part])
     board.run_until(0.001)
     assert write(part, 0.001, 0x10, 0x01)  # active: the first sample comes behind a period of 12.5 ms
-    board.lead_interrupts(1, part, int1="PTC5", int2=None)
+    board.connect_interrupts(1, part, int1="PTC5", int2=None)
     board.bus.write(0x4004B014, 4, 1 << 8)  # PORTC_PCR5: GPIO
     snapshot, levels = board.snapshot(), list[bool]()
     for _ in range(2):

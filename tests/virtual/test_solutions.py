@@ -78,9 +78,9 @@ def test_a_solution_that_had_begun_before_is_left_out(build_c: Build, end: Solut
 def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
     board = VirtualK64F(build_c(SLICES, "-O2"))
     for word, answer in (
-        ("fitt", "'fitt' is no variable"),
-        ("main", "'main' is no variable"),
-        ("fit-1", "is no variable"),
+        ("fitt", "'fitt' is not a variable"),
+        ("main", "'main' is not a variable"),
+        ("fit-1", "is not a variable"),
         ("fit+6", "4 bytes at fit"),
     ):
         with pytest.raises(ConfigError, match=answer):
@@ -131,7 +131,7 @@ def test_a_slice_that_depends_on_a_device_is_not_counted_again(build_c: Build) -
     board.run_until(0.002)
     stored = watch.latest()
     assert stored is not None
-    with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* something from outside"):
+    with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* external state"):
         count_with_waits(board, stored, load_profile("cortex-m4-k64f/2"))
 
 

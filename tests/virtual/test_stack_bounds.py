@@ -126,6 +126,6 @@ def test_frames_of_assembly_and_of_exceptions(build: Build, tmp_path: Path) -> N
     bounds = board.stack_bounds(["plain", "calls", "beyond", "alone", "main", "SVC_Handler"])
     assert [bounds[name] for name in ("plain", "calls", "main", "SVC_Handler")] == [232, 32, 40, 8]
     assert "by a register" in str(bounds["beyond"])
-    assert "to another place" in str(bounds["alone"])
+    assert "to another stack" in str(bounds["alone"])
     assert board.memory_use()["stack_most"] == 8 + 32 + 32 + 8
     assert bounds[""] == 40 + 27 * 4 + 8, "which keeps room for floating-point state"

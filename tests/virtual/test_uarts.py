@@ -165,5 +165,5 @@ def test_a_byte_arrives_at_its_picosecond_after_days_at_any_clocks() -> None:
 def test_the_line_to_the_board_takes_16_mib_at_most() -> None:
     _, uart = quiet_board()
     uart.host_write(bytes(1 << 24))
-    with pytest.raises(BenchError, match="UART1 of the virtual board cannot take 1 more bytes"):
+    with pytest.raises(BenchError, match="UART1 of the virtual board cannot accept 1 more bytes"):
         uart.host_write(b"a")

@@ -35,7 +35,7 @@ def test_a_register_is_told_once_by_name_value_and_place(build_c: Build) -> None
     assert accesses[0].startswith("PDB0_CNT at 0x40036008 is not modelled; read from 0x0000")
     assert "PDB0_SC at 0x40036000 is not modelled; write of 0x00000008 from 0x" in accesses[1]
     assert "in timer_init (program.c:" in accesses[1]
-    assert accesses[1].endswith(" kept")
+    assert accesses[1].endswith(" was stored")
     assert accesses[2].startswith("CMP0_SCR at 0x40073003 is not modelled; write of 0x80 from")
     assert (word(board, "before"), word(board, "after")) == (0, 39)
 
@@ -76,7 +76,7 @@ def test_either_of_two_gates_opens_a_peripheral(build_c: Build) -> None:
 
 def test_a_status_bit_that_never_comes_is_named(build_c: Build) -> None:
     board = VirtualK64F(build_c(program(f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{}}")))
-    board.tell(lambda _line: None)
+    board.report_waits(lambda _line: None)
     board.run_until(0.002)
     expected = ", polling PDB0_SC at 0x40036000, which is not modelled"
     assert board.position().startswith("executing timer_init (program.c:")
@@ -89,7 +89,7 @@ WAITS = f"{PDB0_ON} while (!(WORD(0x40036000) & 0x40)) {{ after = WORD(0x4003600
 def test_who_waits_for_a_register_that_is_not_modelled_is_told_so_once(build_c: Build) -> None:
     board = VirtualK64F(build_c(program(WAITS)))
     messages: list[str] = []
-    board.tell(messages.append)
+    board.report_waits(messages.append)
     board.run_until(0.02)
     messages.sort()
     assert len(messages) == 2  # the one that it waits for, and the one that it reads meanwhile
@@ -105,7 +105,7 @@ def test_without_anyone_to_tell_it_is_a_warning(build_c: Build) -> None:
 
 def test_a_called_function_that_waits_for_one_says_so(build_c: Build) -> None:
     board = VirtualK64F(build_c(program(WAITS)))
-    board.tell(lambda _line: None)
+    board.report_waits(lambda _line: None)
     board.run_until(0.001)
     polling = r"did not return within .*, polling PDB0_.*, which is not modelled at .*timer_init"
     with pytest.raises(BoardFault, match=polling):
@@ -116,7 +116,7 @@ def test_reading_a_register_again_after_writing_is_no_wait(build_c: Build) -> No
     body = f"{PDB0_ON} for (int i = 0; i < 4000; i++) {{ after = WORD(0x40036000); WORD(0x40036004) = i; }}"
     board = VirtualK64F(build_c(program(body)))
     messages: list[str] = []
-    board.tell(messages.append)
+    board.report_waits(messages.append)
     board.run_until(0.02)
     assert messages == []
     assert word(board, "after") == 0

@@ -52,7 +52,7 @@ def test_an_event_that_was_sent_is_taken_once(build_c: Build) -> None:
         PROGRAM % '__asm volatile("sev"); __asm volatile("wfe"); rounds = 1; __asm volatile("wfe"); rounds = 2;'
     )
     board = VirtualK64F(elf)
-    with pytest.raises(BoardFault, match="hang: WFE with nothing that could wake the processor"):
+    with pytest.raises(BoardFault, match="hang: WFE without anything that could wake the processor"):
         board.run_until(float("inf"))
     assert word(board, "rounds") == 1
 

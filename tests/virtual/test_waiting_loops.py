@@ -98,7 +98,7 @@ def test_the_shipped_firmware_runs_the_same() -> None:
 @pytest.mark.parametrize("profile", ["cortex-m4-trm/2", "cortex-m4-k64f/2"])
 def test_most_of_a_wait_is_not_executed(build: Build, loop: str, profile: str) -> None:
     board = VirtualK64F(build(WAITS, "-O2", f"-DLOOP={loop}"), profile=profile)
-    board.tell(lambda _unmodelled: None)
+    board.report_waits(lambda _unmodelled: None)
     board.run_until(0.02)
     assert board.processor.core.passed > 0.8 * board.instructions
 
@@ -112,7 +112,7 @@ def test_a_device_is_asked_once_while_it_answers_the_same(build: Build, monkeypa
     noted = UnmodelledLog.note
     monkeypatch.setattr(UnmodelledLog, "note", note)
     board = VirtualK64F(build(WAITS, "-O2", "-DLOOP=wait_unmodelled"))
-    board.tell(lambda _unmodelled: None)
+    board.report_waits(lambda _unmodelled: None)
     board.run_until(0.02)
     (access,) = board.unmodelled
     assert len(notes) < access.accesses / 50

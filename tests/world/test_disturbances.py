@@ -134,7 +134,7 @@ def test_what_passes_stays_where_it_is_when_the_body_turns_and_what_is_the_bodys
     passing = Passing((300.0, -100.0, 50.0), (1.0, 2.0, -0.5), (1.0, 0.0, 0.0), at_s=0.0)
     cable = Cable(10.0, (0.0, 1.0, 0.0), ((0.0, 0.1, 0.0, 0.3), (1.0, 0.1, 0.0, 0.2)))
     pose = Pose(heading, pitch, roll)
-    by_cause_ut = Disturbances(MOTOR, passing, cable).by_cause_ut(15.0, pose)
+    by_cause_ut = Disturbances(MOTOR, passing, cable).fields_by_cause_ut(15.0, pose)
     turned = rotation_body_from_ned(pose) @ passing.field_ned_ut(15.0)
     assert np.allclose(by_cause_ut["passing"], turned, atol=1e-12)
     assert by_cause_ut["current"] == MOTOR.field_ut(15.0)
@@ -157,5 +157,5 @@ def test_a_world_without_disturbances_is_the_same_to_the_last_bit():
     distortion = MagneticDistortion(hard_iron_ut=(0.1, 0.2, 0.3))
     plain, nothing = World(field), World(field, disturbances=Disturbances())
     for time_s in (0.0, 1.7, 33.0):
-        same = distortion.apply(plain.at(time_s).field_body_ut)
+        same = distortion.apply(plain.state_at(time_s).field_body_ut)
         assert plain.field_at_part_ut(distortion, time_s) == nothing.field_at_part_ut(distortion, time_s) == same

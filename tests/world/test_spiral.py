@@ -21,7 +21,7 @@ def seen(cap, *, mounting_yaw_deg=1.7, points=300):
     end = world.tumble(time_s=0.0, duration_s=2.0)
     times = world.last_move_start_s + SPIRAL_S * (np.arange(points) + 0.5) / points
     assert times[-1] < end
-    return np.array([world.at(float(time_s)).field_body_ut for time_s in times]) / FIELD.strength_ut
+    return np.array([world.state_at(float(time_s)).field_body_ut for time_s in times]) / FIELD.strength_ut
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -55,12 +55,12 @@ def test_the_rate_is_the_derivative_of_the_attitude(axis, moment):
     world = World(FIELD, mounting_yaw_deg=12.0, covered=Cap(axis, 0.5))
     world.tumble(time_s=0.0, duration_s=2.0)
     time_s, step_s = world.last_move_start_s + moment, 1e-4
-    before, after = (rotation_body_from_ned(world.at(time_s + sign * step_s).pose) for sign in (-1, 1))
+    before, after = (rotation_body_from_ned(world.state_at(time_s + sign * step_s).pose) for sign in (-1, 1))
     # d/dt R = -[w]x R for R body from earth.
-    skew = -(after - before) / (2 * step_s) @ rotation_body_from_ned(world.at(time_s).pose).T
+    skew = -(after - before) / (2 * step_s) @ rotation_body_from_ned(world.state_at(time_s).pose).T
     rate = np.degrees([skew[2, 1], skew[0, 2], skew[1, 0]])
     # Central difference: (7 rad/s)^3 step^2 / 6 is 3e-5 deg/s; poses rounded to 1e-9 degrees over 2 steps, 5e-6.
-    assert np.allclose(world.at(time_s).rate_body_dps, rate, atol=1e-4)
+    assert np.allclose(world.state_at(time_s).rate_body_dps, rate, atol=1e-4)
 
 
 def test_a_spiral_has_its_own_pace_whatever_was_asked_and_a_hand_could_not_follow():
@@ -69,9 +69,9 @@ def test_a_spiral_has_its_own_pace_whatever_was_asked_and_a_hand_could_not_follo
         end = world.tumble(time_s=0.0, duration_s=asked_s)
         begin = world.last_move_start_s
         assert world.tumble_takes_s(asked_s) == SPIRAL_S == pytest.approx(end - begin, abs=MOVE_GRID_S)
-        rates = [math.hypot(*world.at(begin + 0.01 * k).rate_body_dps) for k in range(1250)]
+        rates = [math.hypot(*world.state_at(begin + 0.01 * k).rate_body_dps) for k in range(1250)]
         assert 404.0 <= min(rates) <= max(rates) < 450.0
-        assert world.at(end).rate_body_dps == (0.0, 0.0, 0.0)
+        assert world.state_at(end).rate_body_dps == (0.0, 0.0, 0.0)
 
 
 def test_the_table_moves_smoothly_into_the_spiral_and_out_of_it():
@@ -79,6 +79,6 @@ def test_the_table_moves_smoothly_into_the_spiral_and_out_of_it():
     end = world.tumble(time_s=0.0, duration_s=2.0)
     world.hold(time_s=end)
     for moment in (world.last_move_start_s, end):
-        before, after = (rotation_body_from_ned(world.at(moment + sign * 1e-6).pose) for sign in (-1, 1))
+        before, after = (rotation_body_from_ned(world.state_at(moment + sign * 1e-6).pose) for sign in (-1, 1))
         # A microsecond at 450 degrees a second, both ways.
         assert np.degrees(np.abs(after - before).max()) < 2e-3

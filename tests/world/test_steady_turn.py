@@ -37,18 +37,18 @@ def test_its_rate_is_the_change_of_its_angle() -> None:
 def test_the_body_turns_about_the_axis_that_is_down(pose: Pose, axis: int) -> None:
     world = World(EarthField(48.5, 62.0), mounting_yaw_deg=1.7, pose=pose)
     end_s = world.turn_round(360.0, rate_dps=90.0, time_s=1.0)
-    rates = np.array([world.at(time_s).rate_body_dps for time_s in np.arange(1.0, end_s, 0.005)])
+    rates = np.array([world.state_at(time_s).rate_body_dps for time_s in np.arange(1.0, end_s, 0.005)])
     across = np.delete(rates, axis, axis=1)
     assert np.abs(across).max() < 1e-12
     # The rectangle rule over a course that begins and ends at rest, and is smooth; sampled 100 times a ramp.
     assert rates[:, axis].sum() * 0.005 == pytest.approx(360.0, abs=1e-3)
-    assert wrap_180(world.at(end_s).pose.heading_deg - pose.heading_deg - 1.7) == pytest.approx(0.0, abs=1e-9)
+    assert wrap_180(world.state_at(end_s).pose.heading_deg - pose.heading_deg - 1.7) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_table_stands_still_until_it_begins() -> None:
     world = World(EarthField(48.5, 62.0))
     end_s = world.turn_round(90.0, rate_dps=90.0, time_s=2.0)
-    assert world.at(1.9).rate_body_dps == (0.0, 0.0, 0.0)
-    assert world.at(3.0).rate_body_dps[2] == pytest.approx(90.0)
-    assert world.at(end_s).rate_body_dps == (0.0, 0.0, 0.0)
-    assert world.at(end_s).pose.heading_deg == pytest.approx(90.0)
+    assert world.state_at(1.9).rate_body_dps == (0.0, 0.0, 0.0)
+    assert world.state_at(3.0).rate_body_dps[2] == pytest.approx(90.0)
+    assert world.state_at(end_s).rate_body_dps == (0.0, 0.0, 0.0)
+    assert world.state_at(end_s).pose.heading_deg == pytest.approx(90.0)

@@ -21,7 +21,7 @@ angles = st.floats(-180.0, 180.0)
 
 
 def test_level_and_north_the_body_sees_the_earth_frame():
-    state = World(FIELD).at(1.0)
+    state = World(FIELD).state_at(1.0)
     assert state.field_body_ut == pytest.approx((25.0, 0.0, 50.0 * math.sqrt(0.75)), abs=1e-13)
     assert state.gravity_body_g == (0.0, 0.0, 1.0)
     assert state.rate_body_dps == (0.0, 0.0, 0.0)
@@ -31,7 +31,7 @@ def test_the_mounting_turns_the_board_by_its_yaw_at_every_tilt():
     world = World(FIELD, mounting_yaw_deg=1.7)
     for pose in (Pose(0), Pose(90, 20, 0), Pose(330, 0, -20)):
         arrival = world.turn_to(pose, time_s=1.0)
-        board = world.at(arrival).pose
+        board = world.state_at(arrival).pose
         assert board.heading_deg == pytest.approx((pose.heading_deg + 1.7) % 360, abs=1e-12)
         assert (board.pitch_deg, board.roll_deg) == (pose.pitch_deg, pose.roll_deg)
 
@@ -40,7 +40,7 @@ def test_the_mounting_turns_the_board_by_its_yaw_at_every_tilt():
 def test_field_and_gravity_are_those_of_the_pose(heading, pitch, roll):
     world = World(FIELD)
     pose = Pose(heading, pitch, roll)
-    state = world.at(world.turn_to(pose, time_s=0.5))
+    state = world.state_at(world.turn_to(pose, time_s=0.5))
     rotation = rotation_body_from_ned(pose)
     assert np.allclose(state.field_body_ut, rotation @ FIELD.ned_ut, atol=1e-11)
     assert np.allclose(state.gravity_body_g, rotation[:, 2], atol=1e-13)
@@ -59,7 +59,7 @@ def test_firmware_that_is_a_few_cycles_slower_sees_the_same_motion():
         asked_s = 1.0 + pose.heading_deg / 10.0
         assert fast.turn_to(pose, time_s=asked_s) == slow.turn_to(pose, time_s=asked_s + 40 * CYCLE_S)
     for time_s in np.linspace(0.0, 60.0, 997):
-        assert fast.at(float(time_s)) == slow.at(float(time_s))
+        assert fast.state_at(float(time_s)) == slow.state_at(float(time_s))
 
 
 def test_how_long_a_turn_lasts_depends_on_the_poses_only():
@@ -77,7 +77,7 @@ def test_a_turn_takes_the_short_way_across_north_and_is_smooth():
     start = world.turn_to(Pose(350), time_s=0.0)
     arrival = world.turn_to(Pose(10), time_s=start)
     times = np.linspace(start, arrival + 0.1, 2001)
-    states = [world.at(float(time_s)) for time_s in times]
+    states = [world.state_at(float(time_s)) for time_s in times]
     headings = [heading_error_deg(state.pose.heading_deg, 0.0) for state in states]
     assert min(headings) >= -10.0 - 1e-9
     assert max(headings) <= 10.0 + 1e-9
@@ -93,15 +93,15 @@ def test_a_move_asked_for_during_another_waits_for_its_end():
     first = world.turn_to(Pose(180), time_s=0.0)
     second = world.turn_to(Pose(0), time_s=0.1)
     assert second == pytest.approx(first + 1.5)
-    assert world.at(first).pose.heading_deg == pytest.approx(180.0)
+    assert world.state_at(first).pose.heading_deg == pytest.approx(180.0)
 
 
 def test_at_and_after_arrival_the_pose_is_exact_and_still():
     world = World(FIELD)
     arrival = world.turn_to(Pose(210.0, 20.0, 0.0), time_s=2.0)
     for time_s in (arrival, arrival + CYCLE_S, arrival + 100.0):
-        assert world.at(time_s).pose == Pose(210.0, 20.0, 0.0)
-        assert world.at(time_s).rate_body_dps == (0.0, 0.0, 0.0)
+        assert world.state_at(time_s).pose == Pose(210.0, 20.0, 0.0)
+        assert world.state_at(time_s).rate_body_dps == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("moment", [0.3, 1.1, 2.9])
@@ -109,12 +109,12 @@ def test_the_rate_is_the_derivative_of_the_attitude(moment):
     world = World(FIELD, mounting_yaw_deg=12.0)
     end = world.tumble(time_s=0.0, duration_s=4.0)
     time_s, step_s = end - moment, 1e-5
-    before, after = (rotation_body_from_ned(world.at(time_s + sign * step_s).pose) for sign in (-1, 1))
+    before, after = (rotation_body_from_ned(world.state_at(time_s + sign * step_s).pose) for sign in (-1, 1))
     # d/dt R = -[w]x R for R body from earth.
-    skew = -(after - before) / (2 * step_s) @ rotation_body_from_ned(world.at(time_s).pose).T
+    skew = -(after - before) / (2 * step_s) @ rotation_body_from_ned(world.state_at(time_s).pose).T
     rate = np.degrees([skew[2, 1], skew[0, 2], skew[1, 0]])
     # Central difference: third derivative times step^2 / 6, about (10 rad/s)^3 * 1e-10 / 6 rad/s.
-    assert np.allclose(world.at(time_s).rate_body_dps, rate, atol=1e-4)
+    assert np.allclose(world.state_at(time_s).rate_body_dps, rate, atol=1e-4)
 
 
 def coverage(directions):
@@ -130,7 +130,7 @@ def test_any_hundred_points_from_the_tumbles_start_cover_the_sphere(late):
     world = World(EarthField(48.5, 62.0), mounting_yaw_deg=1.7)
     end = world.tumble(time_s=0.0, duration_s=4.0)
     times = end - 4.0 + (np.arange(100) + late) / 80.0
-    field = np.array([world.at(float(time_s)).field_body_ut for time_s in times]) / 48.5
+    field = np.array([world.state_at(float(time_s)).field_body_ut for time_s in times]) / 48.5
     # A full sphere of random points: 1.33 in the median, 1.8 at worst; 75 % of a sphere has up to 4.
     assert coverage(field) < 2.0
 
@@ -138,10 +138,10 @@ def test_any_hundred_points_from_the_tumbles_start_cover_the_sphere(late):
 def test_a_tumble_stays_below_600_degrees_a_second_and_has_300_samples_at_80_hz():
     world = World(FIELD)
     end = world.tumble(time_s=0.0, duration_s=4.0)
-    rates = [math.hypot(*world.at(end - 4.0 + k / 80.0).rate_body_dps) for k in range(320)]
+    rates = [math.hypot(*world.state_at(end - 4.0 + k / 80.0).rate_body_dps) for k in range(320)]
     assert max(rates) < 600.0
     assert min(rates) > 300.0
-    assert world.at(end).rate_body_dps == (0.0, 0.0, 0.0)
+    assert world.state_at(end).rate_body_dps == (0.0, 0.0, 0.0)
 
 
 def test_a_tumble_starts_from_its_first_pose_wherever_the_table_was():
@@ -150,8 +150,8 @@ def test_a_tumble_starts_from_its_first_pose_wherever_the_table_was():
         world = World(FIELD, pose=pose)
         end = world.tumble(time_s=0.3, duration_s=3.99)
         assert end - world.last_move_start_s == pytest.approx(4.0)
-        begins.append(world.at(world.last_move_start_s).pose)
-        before = world.at(world.last_move_start_s - 1e-6).pose
+        begins.append(world.state_at(world.last_move_start_s).pose)
+        before = world.state_at(world.last_move_start_s - 1e-6).pose
         assert before.roll_deg == pytest.approx(begins[-1].roll_deg, abs=1e-3)
         again = world.turn_to(begins[-1], time_s=end)
         assert world.tumble(time_s=again, duration_s=1.0) - again == pytest.approx(1.0 + MOVE_GRID_S)

@@ -24,18 +24,18 @@ def sets() -> PointSets:
 def test_every_set_and_every_change_of_it_is_one_that_the_firmware_takes(sets: PointSets, seed: int) -> None:
     random = np.random.default_rng(seed)
     low, high = sets.bounds.T
-    points = sets.made(low + (high - low) * random.choice([0.0, 0.5, 1.0], size=len(low)))
+    points = sets.make_input(low + (high - low) * random.choice([0.0, 0.5, 1.0], size=len(low)))
     for _ in range(20):
         assert points.dtype == np.int16
         assert 9 <= len(points) <= MOST
         assert points.shape[1:] == (3,)
-        points = sets.varied(points, random)
+        points = sets.vary(points, random)
 
 
 def test_a_world_without_noise_is_an_ellipsoid(sets: PointSets) -> None:
     numbers = sets.bounds.mean(axis=1)
     numbers[2] = 0.0
-    assert sets.call(sets.made(numbers)).counts
+    assert sets.call(sets.make_input(numbers)).counts
 
 
 @pytest.mark.slow
@@ -45,5 +45,5 @@ def test_the_search_finds_worse_sets_than_as_many_by_chance(sets: PointSets) -> 
     match = search(sets, seed=1, budget=Budget(calls=calls), progress=lambda *_: None)
     random = np.random.default_rng(1)
     low, high = sets.bounds.T
-    drawn = [sets.call(sets.made(low + (high - low) * random.random(len(low)))) for _ in range(calls)]
+    drawn = [sets.call(sets.make_input(low + (high - low) * random.random(len(low)))) for _ in range(calls)]
     assert match.call.cycles > max(draw.cycles for draw in drawn if draw.counts)

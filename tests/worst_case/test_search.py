@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hiltest.studies.worst_case.search import Budget, Call, Found, search
+from hiltest.studies.worst_case.search import Budget, Call, SearchResult, search
 
 Numbers = NDArray[np.float64]
 
@@ -26,10 +26,10 @@ class Steps:
     def bounds(self) -> Numbers:
         return np.array([(-10.0, 10.0)] * self.numbers)
 
-    def made(self, numbers: Numbers) -> Numbers:
+    def make_input(self, numbers: Numbers) -> Numbers:
         return numbers.copy()
 
-    def varied(self, given: Numbers, random: np.random.Generator) -> Numbers:
+    def vary(self, given: Numbers, random: np.random.Generator) -> Numbers:
         other = given.copy()
         other[random.integers(self.numbers)] += random.standard_normal()
         return np.clip(other, -10.0, 10.0)
@@ -39,11 +39,11 @@ class Steps:
         counts = bool(given[0] >= 0.0)
         return Call(int(np.floor(np.abs(given)).sum()) + 100 * (not counts), 0, counts)
 
-    def kept(self, given: Numbers) -> dict[str, tuple[float, ...]]:
+    def saved_fields(self, given: Numbers) -> dict[str, tuple[float, ...]]:
         return {"arguments": tuple(given.tolist())}
 
 
-def searched(problem: Steps, *, seed: int = 1, calls: int = 3000) -> Found[Numbers]:
+def searched(problem: Steps, *, seed: int = 1, calls: int = 3000) -> SearchResult[Numbers]:
     return search(problem, seed=seed, budget=Budget(calls=calls), progress=lambda *_: None)
 
 

@@ -165,13 +165,13 @@ class VirtualBench:
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
-        self.machine.warm_by(lambda: self.temperature_degc)
+        self.machine.set_temperature(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
         for described in (PARTS[name] for name in rig.world.fitted):
             int1, int2 = described.pins
             if int1 or int2:
                 part = self._parts[described.bus, described.address]
-                self.machine.lead_interrupts(described.bus, part, int1=int1, int2=int2)
+                self.machine.connect_interrupts(described.bus, part, int1=int1, int2=int2)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""
@@ -215,7 +215,7 @@ class VirtualBench:
         """Start to turn and tilt from the level table's present heading; return the duration [s] at once."""
         begin_s = self.next_move_s()
         steps = round(begin_s / MOVE_GRID_S) + round(SWAY_S / MOVE_GRID_S)
-        heading_deg = self._world.at(begin_s).pose.heading_deg - self._world.mounting_yaw_deg
+        heading_deg = self._world.state_at(begin_s).pose.heading_deg - self._world.mounting_yaw_deg
         self.begin_move(Sway(begin_s, steps * MOVE_GRID_S, heading_deg))
         return SWAY_S
 
@@ -276,14 +276,14 @@ class VirtualBench:
 
     def attitude_at(self, board_us: int) -> Pose:
         """Return the board's true attitude at a time of the firmware's clock [us]."""
-        return self._world.at(self.firmware_clock_began_s + 1e-6 * board_us).pose
+        return self._world.state_at(self.firmware_clock_began_s + 1e-6 * board_us).pose
 
     def disturbances_at_ut(self, board_us: int) -> dict[str, Vector]:
         """Return the disturbances of the field at a time of the firmware's clock [us], by cause, body frame."""
         if self._world.disturbances is None:
             return {}
         time_s = self.firmware_clock_began_s + 1e-6 * board_us
-        return self._world.disturbances.by_cause_ut(time_s, self._world.at(time_s).pose)
+        return self._world.disturbances.fields_by_cause_ut(time_s, self._world.state_at(time_s).pose)
 
     def next_move_s(self) -> float:
         """Return the earliest start of a move that is planned now [virtual s]."""

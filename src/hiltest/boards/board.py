@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import TracebackType
 from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -103,7 +102,7 @@ class Declared:
     """Injected faults."""
 
     @classmethod
-    def of(cls, rig: Rig) -> Declared:
+    def select(cls, rig: Rig) -> Declared:
         """Select the declarations of a rig that concern a board."""
         named = {
             SensorKind.MAGNETOMETER: rig.sensors.magnetometer,
@@ -345,13 +344,13 @@ class Board(ABC):
     def line_is_exact(self) -> bool:
         """True if the line is free of errors, as a simulated line without faults is."""
         faults = self.declared.faults
-        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_line)
+        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.has_line_faults)
 
     @property
     def sensors_are_sound(self) -> bool:
         """True if its sensors and buses cannot fail: true for a virtual board without such faults in its rig."""
         faults = self.declared.faults
-        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.of_sensors)
+        return self.origin is BoardKind.VIRTUAL and (faults is None or not faults.has_sensor_faults)
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
@@ -459,8 +458,8 @@ class Board(ABC):
         if not counter.cycles and (getattr(reply, "cost", None) or getattr(reply, "costs", None)):
             raise FirmwareContradictionError(
                 f"the firmware contradicts the board: it reports the cycles of {work}, and its function was not called "
-                "for this request. It answers from an earlier call; or the function is inlined, and the rig has to name "
-                "another one under [cycles]"
+                "for this request. It answers from an earlier call; or the function is inlined: then name another one "
+                "under [cycles] in the rig"
             )
         return reply, list(counter.cycles)
 
@@ -473,8 +472,8 @@ class Board(ABC):
             return ""
         if self.call_counter(calibrator) is None:
             return (
-                f"the board cannot count the cycles of {calibrator}: no function has this name; name one under [cycles] "
-                "in the rig"
+                f"the board cannot count the cycles of {calibrator}: no function has this name; name one under "
+                "[cycles] in the rig"
             )
         return ""
 
@@ -503,15 +502,12 @@ class Board(ABC):
         return None
 
     def close(self) -> None:
-        """Close the port."""
         self.interface.close()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

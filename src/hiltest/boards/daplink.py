@@ -178,7 +178,7 @@ def choose_board(serial_number: str = "", *, root: Path | None = None) -> UsbBoa
     return fitting[0]
 
 
-def port_of(serial_number: str = "", *, root: Path | None = None) -> str:
+def port_of(serial_number: str = "") -> str:
     """Return the serial device of the one board that is plugged in whose serial number begins so.
 
     Raises
@@ -188,7 +188,7 @@ def port_of(serial_number: str = "", *, root: Path | None = None) -> str:
     SeveralBoardsError
         When there are several.
     """
-    board = choose_board(serial_number, root=root)
+    board = choose_board(serial_number)
     if board.port is None:
         raise BenchError(f"board {board.serial_number} has no serial port: {NO_PORT}")
     return str(board.port)

@@ -22,9 +22,9 @@ from hiltest.rig.faults import Faults
 _BITS = 10  # bits per byte on the line: start, eight of data, stop
 
 
-def with_faults(port: SerialPort, faults: Faults | None, *, baud: int) -> SerialPort:
+def add_faults(port: SerialPort, faults: Faults | None, *, baud: int) -> SerialPort:
     """Return a port with the faults of a rig's line, itself if the rig has none."""
-    return port if faults is None or not faults.of_line else FaultyPort(port, faults, baud=baud)
+    return port if faults is None or not faults.has_line_faults else FaultyPort(port, faults, baud=baud)
 
 
 class FaultyPort:
@@ -109,7 +109,6 @@ class FaultyPort:
         self._port.reset_input_buffer()
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _next_piece(self, read: Callable[[], bytes], end: Callable[[bytes], int]) -> bytes:

@@ -6,7 +6,6 @@ import contextlib
 import select
 import socket
 import threading
-from types import TracebackType
 from typing import Self
 
 from hiltest.boards.gdb_session import GdbSession
@@ -56,9 +55,7 @@ class GdbServer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

@@ -12,7 +12,7 @@ from hiltest.virtual.board.debugger import Debugger, Stop, StopReason, WatchKind
 from hiltest.virtual.board.k64f import VirtualK64F
 
 _OK, _UNKNOWN, _REFUSED = b"OK", b"", b"E01"
-_SIGNALS = {StopReason.ASKED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP
+_SIGNALS = {StopReason.REQUESTED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP
 _TRAP = 5
 _WATCHES = {b"2": WatchKind.WRITE, b"3": WatchKind.READ, b"4": WatchKind.ACCESS}
 _WATCH_NAMES = {WatchKind.WRITE: b"watch", WatchKind.READ: b"rwatch", WatchKind.ACCESS: b"awatch"}
@@ -51,7 +51,7 @@ class GdbSession:
             ),
             (b"qXfer:features:read:target.xml:", lambda rest: _part(target_description(), rest)),
             (b"qXfer:memory-map:read::", lambda rest: _part(memory_description(machine.memory), rest)),
-            (b"QStartNoAckMode", self._without_acknowledgement),
+            (b"QStartNoAckMode", self._stop_acknowledging),
             (b"qRcmd,", self._monitor),
             (b"qAttached", lambda _: b"1"),
             (b"qC", lambda rest: _UNKNOWN if rest else b"QC1"),
@@ -124,7 +124,7 @@ class GdbSession:
             self.over = True
             self._machine.debugged = False
             self._debugger.clear()
-            self._debugger.go_on()
+            self._debugger.resume()
 
     def _say(self, answer: bytes | None) -> bytes:
         if answer is None:  # comes when the processor halts
@@ -149,7 +149,7 @@ class GdbSession:
     # -- running ------------------------------------------------------------------------------
 
     def _go(self, *, step: bool = False, within: range = range(0)) -> bytes:
-        self._debugger.go_on(step=step, within=within)
+        self._debugger.resume(step=step, within=within)
         self._goes = True
         return _OK
 
@@ -251,7 +251,7 @@ class GdbSession:
             self._debugger.clear_breakpoint(address)
         return _OK
 
-    def _without_acknowledgement(self, _rest: bytes) -> bytes:
+    def _stop_acknowledging(self, _rest: bytes) -> bytes:
         self._acknowledges = False
         return _OK
 

@@ -23,7 +23,7 @@ _INSTALL = "pip install 'hiltest[labgrid]', or put the labgrid-client of another
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class LabgridPlace:
     """A place of labgrid."""
 
     name: str
@@ -111,7 +111,7 @@ class Place:
         return BenchError(f"labgrid: place {self.name}: {message}. labgrid-client -p {self.name} show has details")
 
 
-def place_of(url: str) -> Place:
+def place_of(url: str) -> LabgridPlace:
     """Parse ``labgrid://PLACE`` or ``labgrid://PLACE?power=cycle``; other options are for pyserial.
 
     Raises
@@ -128,7 +128,7 @@ def place_of(url: str) -> Place:
     if power not in ([], ["cycle"]):
         raise ConfigError(f"port {url!r}: power must be cycle, not {power[-1]!r}")
     options = "&".join(f"{key}={value}" if value else key for key, values in query_options.items() for value in values)
-    return Place(name, bool(power), options)
+    return LabgridPlace(name, bool(power), options)
 
 
 def _program() -> str:

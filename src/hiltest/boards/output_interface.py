@@ -302,7 +302,9 @@ def open_output(
                 "test needs; name it in the rig (docs/compass.md)"
             )
         port = tape.port(open_line)
-        return OutputInterface(port, rig, on_tape(decoders, tape), transcript=transcript, may_be_overheard=tape is LIVE)
+        return OutputInterface(
+            port, rig, tape_decoders(decoders, tape), transcript=transcript, may_be_overheard=tape is LIVE
+        )
     except BaseException:
         hang_up(decoders)
         raise
@@ -377,7 +379,7 @@ class TapedReadings:
             self._target.close()
 
 
-def on_tape(decoders: Mapping[str, Decoder], tape: Tape) -> Mapping[str, Decoder]:
+def tape_decoders(decoders: Mapping[str, Decoder], tape: Tape) -> Mapping[str, Decoder]:
     """Put polled decoders on a tape; streams pass it as bytes already."""
     if tape is LIVE:
         return decoders

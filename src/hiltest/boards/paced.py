@@ -11,7 +11,6 @@ import select
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Protocol, Self
 
 from hiltest.boards.bench import START_UP_S, VirtualBench
@@ -38,7 +37,7 @@ _OPENING_S = 0.25
 _KEPT_BYTES = 1 << 16
 
 
-class Device(Protocol):
+class LineDevice(Protocol):
     """A device on a line whose clock is the bench's."""
 
     def room(self) -> int:
@@ -98,7 +97,7 @@ class _ServedLine:
         True if the device's output before the first program connects is saved for it; otherwise it is lost.
     """
 
-    def __init__(self, line: PortLine, device: Device, *, keeps: bool) -> None:
+    def __init__(self, line: PortLine, device: LineDevice, *, keeps: bool) -> None:
         self.line = line
         self._keeps = keeps
         self._device = device
@@ -160,7 +159,7 @@ class PacedBench:
         self,
         bench: VirtualBench,
         line: PortLine,
-        *others: tuple[PortLine, Device],
+        *others: tuple[PortLine, LineDevice],
         held: Callable[[], bool] | None = None,
         until_s: float = math.inf,
     ) -> None:
@@ -182,9 +181,7 @@ class PacedBench:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property
@@ -274,7 +271,7 @@ class PacedBench:
 
     def _run(self) -> None:
         try:
-            while self._running and self._in_reset():
+            while self._running and self._is_in_reset():
                 self._wait_for_bytes()
             self._began_s = time.monotonic() - self._bench.machine.halted_s
             while self._running:
@@ -288,7 +285,7 @@ class PacedBench:
                 self._running = False
                 self._clock.notify_all()
 
-    def _in_reset(self) -> bool:
+    def _is_in_reset(self) -> bool:
         """Return whether the board still waits for a program to connect."""
         with self._clock:
             for line in self._served:

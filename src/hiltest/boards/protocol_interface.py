@@ -158,7 +158,6 @@ class ProtocolInterface:
         self.sample_checks.reply(reply)
 
     def close(self) -> None:
-        """Close the port."""
         self.session.close()
 
     def _select(self) -> tuple[SensorInfo, ...]:

@@ -6,7 +6,7 @@ import secrets
 from types import NoneType
 
 from hiltest.boards.board import Board, BoardKind, Declared
-from hiltest.boards.faulty_port import with_faults
+from hiltest.boards.faulty_port import add_faults
 from hiltest.boards.output_interface import open_output
 from hiltest.boards.protocol_interface import LinkTerms, ProtocolInterface
 from hiltest.errors import ConfigError
@@ -71,9 +71,9 @@ class RealBoard(Board):
         self._url = url
 
         def open_line() -> SerialPort:
-            return with_faults(open_port(url, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
+            return add_faults(open_port(url, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
 
-        declared = Declared.of(rig)
+        declared = Declared.select(rig)
         if not rig.answers_requests:
             output = open_output(rig, open_line, image=image, transcript=transcript, tape=tape)
             super().__init__(output, description=f"board on {url}", declared=declared)

@@ -87,7 +87,7 @@ class ReplayBoard(Board):
     kind = BoardKind.REPLAY
 
     def __init__(self, tape: Tape, rig: Rig, *, transcript: Transcript | None = None) -> None:
-        declared = Declared.of(rig)
+        declared = Declared.select(rig)
         interface: ProtocolInterface | OutputInterface
         if rig.answers_requests:
             session = LinkTerms(nonce_seed=0, attempts=ATTEMPTS).session(_refuse_call, transcript, tape)

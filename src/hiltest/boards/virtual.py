@@ -14,7 +14,7 @@ import numpy as np
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, RequestCost, Truth
 from hiltest.boards.delivered_samples import DeliveredSamples
-from hiltest.boards.faulty_port import with_faults
+from hiltest.boards.faulty_port import add_faults
 from hiltest.boards.function_costs import FunctionCosts
 from hiltest.boards.memory_use import seen_memory_use
 from hiltest.boards.output_interface import OutputInterface, open_output
@@ -31,7 +31,7 @@ from hiltest.orientation.angles import Pose
 from hiltest.rig import COUNTS_PER_UT, Rig, world_truth
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.virtual.calls.call_watch import CallWatch
-from hiltest.virtual.counts.cycle_range import TimedSteps, range_where_it_ran
+from hiltest.virtual.counts.cycle_range import TimedSteps, timed_range
 from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.world import Vector
@@ -108,7 +108,7 @@ class VirtualBoard(Board):
         self._bench, self._machine = bench, bench.machine
         self._counters: dict[str, _CallCounter] = {}
         self._delivered: DeliveredSamples | None = None
-        declared = declared or Declared.of(bench.rig)
+        declared = declared or Declared.select(bench.rig)
         image = bench.machine.image
         self.stage, self.execution = bench, bench.execution
         self.seed, self.truth = bench.seed, truth_of(bench.rig)
@@ -140,7 +140,7 @@ class VirtualBoard(Board):
         # A simulated line loses nothing, so a repeated request would not be answered either.
         terms = LinkTerms(nonce_seed=bench.seed, attempts=1 if declared.faults is None else ATTEMPTS)
         session = terms.session(
-            lambda: with_faults(port, declared.faults, baud=bench.rig.link.baud),
+            lambda: add_faults(port, declared.faults, baud=bench.rig.link.baud),
             transcript,
             tape,
             session_type=partial(_Session, self._begin_request),
@@ -172,7 +172,7 @@ class VirtualBoard(Board):
         self.firmware = self._bench.firmware.name
         return open_output(
             rig,
-            lambda: with_faults(self._open_port(), declared.faults, baud=rig.link.baud),
+            lambda: add_faults(self._open_port(), declared.faults, baud=rig.link.baud),
             image=self._machine.image,
             machine=self._machine,
             transcript=transcript,
@@ -264,7 +264,7 @@ class VirtualBoard(Board):
         calls = call_counter.calls if calibrator and (call_counter := self.call_counter(calibrator)) else ()
         call = (calls[-1].entered, calls[-1].returned) if calls else None
         executed = counter.executed_in(cost.cycles, cost.overhead_cycles, call)
-        return range_where_it_ran(profile, self.cycle_model, cost.cycles, executed)
+        return timed_range(profile, self.cycle_model, cost.cycles, executed)
 
     def timed_steps(self) -> TimedSteps:
         """Start to record work that is timed step by step."""

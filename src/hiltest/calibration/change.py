@@ -119,7 +119,7 @@ def _trim(points: Array) -> tuple[NDArray[np.intp], _PlainFit] | None:
 
 
 def _plain_fit(points: Array) -> _PlainFit | None:
-    centred = CentredPoints.of(points)
+    centred = CentredPoints.centre(points)
     if centred is None or len(points) <= ELLIPSOID_UNKNOWNS:
         return None
     rows, target = centred.rows(), -squared_lengths(centred.points)

@@ -44,7 +44,7 @@ class Clouds:
     """Shape (...). rms distance from the mean [counts]; 1 if it is 0."""
 
     @classmethod
-    def of(cls, points_counts: ArrayLike) -> Clouds:
+    def centre(cls, points_counts: ArrayLike) -> Clouds:
         """Centre and scale points, shape (..., n, 2 or 3).
 
         Raises
@@ -151,7 +151,7 @@ class Reference:
 
         In a plane soft iron has shape (..., 2, 2), hard iron (..., 2).
         """
-        clouds = Clouds.of(points_counts)
+        clouds = Clouds.centre(points_counts)
         status = clouds.status
         soft_iron = np.full((*status.shape, clouds.axes, clouds.axes), np.nan)
         hard_iron = np.full((*status.shape, clouds.axes), np.nan)

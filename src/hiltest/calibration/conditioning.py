@@ -42,7 +42,7 @@ class CentredPoints:
     """Scale in the unit of the points, like the mean."""
 
     @classmethod
-    def of(cls, points: ArrayLike) -> Self | None:
+    def centre(cls, points: ArrayLike) -> Self | None:
         """Centre and scale points, shape (n, 3) or (n, 2); return None if there are none or all are equal."""
         stack = points_array(points, axes=(2, 3))
         if not len(stack):
@@ -99,7 +99,7 @@ def ellipsoid_condition(points: ArrayLike) -> float:
     0.4 uT, soft iron of 3 % (p1, p50, p99 of 1000): whole sphere 9, 11, 14; 75 % of it 19, 26, 38; 60 % 40, 57, 84;
     half 74, 105, 156; 40 % 150, 214, 317; 30 % 349, 508, 753.
     """
-    centred = CentredPoints.of(points)
+    centred = CentredPoints.centre(points)
     if centred is None or len(centred.points) < ELLIPSOID_UNKNOWNS:
         return CONDITION_SINGULAR
     rows = centred.rows()

@@ -76,7 +76,7 @@ def predicted_direction_error(
     error of `direct` for 40 to 100 % of the sphere, 0.4 and 1 uT, 100 and 1000 points. For `iterative`, whose
     normalisation makes a smaller bias, they are up to twice the error on half the sphere or less.
     """
-    return ErrorPrediction(points).of(fit, unbiased=unbiased)
+    return ErrorPrediction(points).predict(fit, unbiased=unbiased)
 
 
 class ErrorPrediction:
@@ -86,10 +86,10 @@ class ErrorPrediction:
     """
 
     def __init__(self, points: ArrayLike) -> None:
-        self._centred = CentredPoints.of(points)
+        self._centred = CentredPoints.centre(points)
         self._spreads_deg: dict[bool, float] = {}
 
-    def of(self, fit: MagnetometerFit, *, unbiased: bool = False) -> DirectionError | None:
+    def predict(self, fit: MagnetometerFit, *, unbiased: bool = False) -> DirectionError | None:
         """Return the predicted error of one calibration."""
         centred = self._centred
         if fit.status is not FitStatus.ELLIPSOID or centred is None or len(centred.points) <= ELLIPSOID_UNKNOWNS:

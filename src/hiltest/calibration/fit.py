@@ -58,6 +58,11 @@ class MagnetometerFit:
         """True if soft_iron and hard_iron were fitted to the points."""
         return self.status not in _WITHOUT_A_FIT
 
+    @property
+    def radius(self) -> float:
+        """Radius of the sphere with the volume of the ellipsoid [counts]: the strength of the field."""
+        return float(abs(np.linalg.det(self.soft_iron)) ** (-1.0 / 3.0))
+
     def corrected(self, points_counts: ArrayLike) -> Array:
         """Return the corrected points, shape (n, 3) [1], norm 1 for good points."""
         points = np.asarray(points_counts, dtype=np.float64)
@@ -68,13 +73,18 @@ class MagnetometerFit:
 Calibrator: TypeAlias = Callable[[ArrayLike], MagnetometerFit]
 
 
-def no_fit(status: FitStatus, *, iterations: int = 0, coverage: float = 0.0) -> MagnetometerFit:
+def no_fit(status: FitStatus, *, coverage: float = 0.0) -> MagnetometerFit:
     """Return a status without a calibration: identity and zero."""
-    return MagnetometerFit(status, False, iterations, np.eye(3), np.zeros(3), coverage)
+    return MagnetometerFit(status, False, 0, np.eye(3), np.zeros(3), coverage)
 
 
-def points_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> Array:
+def points_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,), leading: str = "") -> Array:
     """Return points as float64, shape (n, 3), or with another number of axes that is allowed.
+
+    Parameters
+    ----------
+    leading
+        ``..., `` to allow leading axes, for the points of many instances.
 
     Raises
     ------
@@ -82,8 +92,8 @@ def points_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> A
         When the shape is another, or a coordinate is not finite.
     """
     points = np.asarray(points_counts, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] not in axes:
-        raise ValueError(f"points have shape {points.shape}, not (n, {' or '.join(map(str, axes))})")
+    if points.ndim < 2 or (points.ndim > 2 and not leading) or points.shape[-1] not in axes:
+        raise ValueError(f"points have shape {points.shape}, not ({leading}n, {' or '.join(map(str, axes))})")
     if not np.isfinite(points).all():
         raise ValueError("points are not finite")
     return points
@@ -96,19 +106,8 @@ def squared_lengths(vectors: Array) -> Array:
 
 
 def clouds_array(points_counts: ArrayLike, *, axes: tuple[int, ...] = (3,)) -> Array:
-    """Return points of instances along leading axes as float64, shape (..., n, 3); see `points_array`.
-
-    Raises
-    ------
-    ValueError
-        When the shape is another, or a coordinate is not finite.
-    """
-    points = np.asarray(points_counts, dtype=np.float64)
-    if points.ndim < 2 or points.shape[-1] not in axes:
-        raise ValueError(f"points have shape {points.shape}, not (..., n, {' or '.join(map(str, axes))})")
-    if not np.isfinite(points).all():
-        raise ValueError("points are not finite")
-    return points
+    """Return points of instances along leading axes as float64, shape (..., n, 3); see `points_array`."""
+    return points_array(points_counts, axes=axes, leading="..., ")
 
 
 def mid_range(points: Array) -> Array:

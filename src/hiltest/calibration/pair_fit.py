@@ -90,7 +90,7 @@ def fit_turned(points: ArrayLike, acceleration: ArrayLike) -> PairFit:
 
 def fit_dpi_pair(points: ArrayLike, acceleration: ArrayLike) -> PairFit:
     """Fit the ellipsoid of gravity, and the magnetometer against it like `fit_dpi`, for any number of pairs."""
-    centred, gravity = CentredPoints.of(points), _ellipsoid(points_array(acceleration))
+    centred, gravity = CentredPoints.centre(points), _ellipsoid(points_array(acceleration))
     if centred is None or gravity is None:
         return _NO_FIT
     accelerometer = AccelerometerFit(*gravity)
@@ -175,7 +175,7 @@ def held_out_dip_deg(method: PairMethod, points: ArrayLike, acceleration: ArrayL
 
 def _ellipsoid(readings: Array) -> tuple[Array, Array] | None:
     """Return the symmetric gain that scales readings to length 1, and their centre; None without an ellipsoid."""
-    centred = CentredPoints.of(readings)
+    centred = CentredPoints.centre(readings)
     calibration = None if centred is None else calibration_from_sums(power_sums(centred.points), unbiased=False)
     if centred is None or calibration is None:
         return None

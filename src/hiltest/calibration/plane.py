@@ -29,7 +29,7 @@ class Plane:
     """rms distance of the readings from it, in their unit."""
 
     @classmethod
-    def of(cls, points: Array) -> Plane:
+    def fit(cls, points: Array) -> Plane:
         """Return the plane that fits readings best, shape (n, 3), n >= 1."""
         middle: Array = points.mean(axis=0)
         away = points - middle

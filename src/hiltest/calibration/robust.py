@@ -216,7 +216,7 @@ def _fit_plane(readings: Array, moving: Mask) -> Plane | None:
     distances = np.abs(rated @ normals.T - (drawn[lengths > 0.0, 0] * normals).sum(axis=1))
     best = int(np.median(distances, axis=0).argmin())
     near = distances[:, best] <= FURTHEST * max(_LEAST_SCATTER, SIGMA * float(np.median(distances[:, best])))
-    plane = Plane.of(rated[near])
+    plane = Plane.fit(rated[near])
     return plane if near.mean() >= _IN_PLANE and plane.thickness <= FLAT else None
 
 

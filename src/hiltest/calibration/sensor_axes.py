@@ -74,7 +74,7 @@ def sensor_axes(
     and the residual decides.
     """
 
-    def of(reference: Array) -> LinearMap | None:
+    def estimate_map(reference: Array) -> LinearMap | None:
         linear = linear_map(reference, magnetometer)
         return (
             linear if linear is not None or hard_iron is None else linear_map(reference, magnetometer, offset=hard_iron)
@@ -83,7 +83,8 @@ def sensor_axes(
     # Its offset is small compared with 1 g, and tilts of 20 degrees hardly separate it from a gain.
     gravity_map = linear_map(gravity, accelerometer, offset=np.zeros(3))
     by_gravity = None if gravity_map is None else gravity_map.axes
-    declared, opposite = of(field), of(field - 2.0 * (field * gravity).sum(axis=1, keepdims=True) * gravity)
+    declared = estimate_map(field)
+    opposite = estimate_map(field - 2.0 * (field * gravity).sum(axis=1, keepdims=True) * gravity)
     if declared is None or opposite is None:
         return SensorAxes(None, by_gravity)
     axes, is_level = declared.axes, linear_map(field, magnetometer) is None

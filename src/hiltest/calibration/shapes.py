@@ -87,11 +87,11 @@ def fit_shape(points: ArrayLike, shape: Shape, *, field: float | None = None) ->
         Strength of the field if it is known, in the unit of the points; of the part in the plane for a turn in it.
     """
     readings = points_array(points)
-    centred = CentredPoints.of(readings)
+    centred = CentredPoints.centre(readings)
     unknowns = shape.axes + 1 + (len(traceless(shape.axes)) if shape in (Shape.RIDGE, Shape.ELLIPSE) else 0)
     if centred is None or len(readings) <= unknowns:
         return ShapeFit(no_fit(FitStatus.TOO_FEW_POINTS))
-    plane = Plane.of(readings) if shape.axes == 2 else None
+    plane = Plane.fit(readings) if shape.axes == 2 else None
     projected = centred.points if plane is None else centred.points @ plane.axes[:2].T
     model = _Model(
         projected[:: -(-len(projected) // _MOST_FITTED)], shape, None if field is None else field / centred.scale
@@ -131,8 +131,7 @@ def allowed_shape(points: ArrayLike) -> Shape:
     about = fit_shape(readings, Shape.CIRCLE)
     if about.plane is None or about.error is None:
         return Shape.RIDGE
-    radius = float(np.linalg.det(about.fit.soft_iron)) ** (-1.0 / 3.0)
-    if about.plane.thickness > FLAT * radius or residual_percent(readings, about.fit) > 100.0 * RING:
+    if about.plane.thickness > FLAT * about.fit.radius or residual_percent(readings, about.fit) > 100.0 * RING:
         return Shape.RIDGE
     return Shape.ELLIPSE if _rms_deg(fit_shape(readings, Shape.ELLIPSE).error) < about.error.rms_deg else Shape.CIRCLE
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from hiltest.campaigns.judged_commit import (
     Bisection,
-    Found,
+    CommitResult,
     JudgedCommit,
     environment_outside_git,
     forget_judged,
@@ -56,7 +56,7 @@ class FirstWorse:
     @property
     def skipped(self) -> tuple[JudgedCommit, ...]:
         """Commits that could not be judged, in order."""
-        return tuple(step for step in self.steps if step.found is Found.SKIPPED)
+        return tuple(step for step in self.steps if step.found is CommitResult.SKIPPED)
 
 
 def first_worse(
@@ -113,14 +113,14 @@ def first_worse(
         )
         forget_judged(out)
         good_commit = judge(bisection, "good: ")
-        if good_commit.found is not Found.NOT_WORSE:
+        if good_commit.found is not CommitResult.NOT_WORSE:
             way_out = "" if measures else ", or the measurement to judge (--measure)"
             raise ConfigError(f"{good_commit.name} is not a good commit: {good_commit.because}; name another{way_out}")
         bisection = replace(bisection, good=good_commit.record)
         git(str(tree), "checkout", "--quiet", "--detach", commits[1])
         bad_commit = judge(bisection, "bad: ")
-        if bad_commit.found is not Found.WORSE:
-            relation = "is not worse than" if bad_commit.found is Found.NOT_WORSE else "cannot be compared with"
+        if bad_commit.found is not CommitResult.WORSE:
+            relation = "is not worse than" if bad_commit.found is CommitResult.NOT_WORSE else "cannot be compared with"
             raise ConfigError(
                 f"{bad_commit.name} {relation} {good_commit.name}: {bad_commit.because}; name another bad commit"
             )
@@ -178,7 +178,7 @@ def _bisect(bisection: Bisection, good: str, bad: str) -> None:
         env=environment_outside_git(),
     )
     remaining = _remaining_commits(bisection)
-    skipped = {judged.commit for judged in judged_commits(Path(bisection.out)) if judged.found is Found.SKIPPED}
+    skipped = {judged.commit for judged in judged_commits(Path(bisection.out)) if judged.found is CommitResult.SKIPPED}
     if any(commit not in skipped for commit in remaining[1:]):
         raise HiltestError(
             f"git bisect run ended with {done.returncode}: {last_words(done.stdout)}; repeat the command to continue "
@@ -198,7 +198,7 @@ def _conclude(bisection: Bisection, good_commit: JudgedCommit, bad_commit: Judge
     first = judged[remaining[0]]
     parents = git(bisection.tree, "rev-parse", f"{remaining[-1]}^@").split()
     judged_parents = (judged[parent] for parent in parents if parent in judged)
-    before = next((parent for parent in judged_parents if parent.found is Found.NOT_WORSE), good_commit)
+    before = next((parent for parent in judged_parents if parent.found is CommitResult.NOT_WORSE), good_commit)
     now = read_evidence(Path(first.record))
     against = [compare(read_evidence(Path(base.record)), now, together=True) for base in (good_commit, before)]
     candidates = tuple(judged[commit] for commit in remaining)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import statistics
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,7 +48,7 @@ from hiltest.session.older_firmware import (
 )
 from hiltest.session.record_folder import remove_record_in, remove_runs
 from hiltest.session.settings import make_folder, run_options
-from hiltest.studies.jobs import each_done
+from hiltest.studies.jobs import compute_pieces
 from hiltest.text import join_words
 from hiltest.verdict.calibrators import UNCALIBRATED, WORST_HEADING
 from hiltest.verdict.evidence import Evidence, allow_misses, evidence_of, evidence_of_seeds, no_evidence
@@ -148,7 +148,7 @@ def run_seeds(
     ConfigError
         If `out` cannot be written to, before anything runs; or if the bench cannot be sent.
     HiltestError
-        If the remaining seeds cannot be run: see `each_done`.
+        If the remaining seeds cannot be run: see `compute_pieces`.
     """
     jobs = jobs or os.cpu_count() or 1
     gate = read_gate(Path(baseline)) if baseline is not None else None
@@ -277,7 +277,7 @@ def _run_locally(
     seeds: Sequence[int], options: Sequence[str], out: Path, jobs: int, *, covers: bool
 ) -> Iterator[tuple[int, tuple[int, str]]]:
     """Run each seed, and yield it with its exit code and its last line of output."""
-    return each_done(_run_seed, (tuple(options), out, covers), seeds, jobs, remark=_KEPT, starts_process=True)
+    return compute_pieces(_run_seed, (tuple(options), out, covers), seeds, jobs, remark=_KEPT, starts_process=True)
 
 
 def _run_seed(arguments: tuple[tuple[str, ...], Path, bool], seed: int) -> tuple[int, str]:
@@ -293,14 +293,14 @@ def _run_remotely(
     seeds: Sequence[int], options: Sequence[str], out: Path, scheduler: str, *, covers: bool
 ) -> Iterator[tuple[int, tuple[int, str]]]:
     """Run each seed on another machine, and store its record on this one."""
-    for seed, ended in each_done(run_there, sent_bench(options, covers=covers), seeds, scheduler, remark=_KEPT):
+    for seed, ended in compute_pieces(run_there, sent_bench(options, covers=covers), seeds, scheduler, remark=_KEPT):
         ended.write(_seed_folder(out, seed))
         yield seed, (ended.exit_code, ended.last_line)
 
 
-def _is_packaged(evidence: Evidence, options: Sequence[str], environment: Mapping[str, str] = os.environ) -> bool:
+def _is_packaged(evidence: Evidence, options: Sequence[str]) -> bool:
     """Return whether the packaged firmware ran because no option or variable named one."""
-    named = environment.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
+    named = os.environ.get("HIL_FIRMWARE") or any(option.startswith("--hil-firmware") for option in options)
     if named or not evidence.side.build_id:
         return False
     return evidence.side.build_id == packaged_build_id()  # an ini file may have named another one
@@ -406,7 +406,7 @@ def _result(seed: int, exit_code: int, last_line: str, folder: Path) -> SeedResu
     if exit_code != ExitCode.USAGE_ERROR:  # a run with this code was refused the folder, which another run has
         try:
             stored = read_record(folder)
-            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.path))
+            run, evidence = stored.run, evidence_of(stored.run, file=str(stored.file.path))
             return SeedResult(
                 seed,
                 exit_code,

@@ -44,7 +44,7 @@ _ENDED_BY_FIRMWARE = (ExitCode.CONNECTION_LOST, ExitCode.WRONG_FIRMWARE)
 _OF_GIT = frozenset({"GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_PREFIX"})
 
 
-class Found(StrEnum):
+class CommitResult(StrEnum):
     """Result for a commit."""
 
     NOT_WORSE = "not worse"
@@ -52,7 +52,7 @@ class Found(StrEnum):
     SKIPPED = "skipped"
 
 
-CODES = {Found.NOT_WORSE: 0, Found.WORSE: 1, Found.SKIPPED: 125}
+CODES = {CommitResult.NOT_WORSE: 0, CommitResult.WORSE: 1, CommitResult.SKIPPED: 125}
 """Exit codes as ``git bisect run`` reads them."""
 
 
@@ -65,7 +65,7 @@ class JudgedCommit:
     author_date: str
     subject: str
     """Properties of the commit according to git; the date is in ISO 8601."""
-    found: Found
+    found: CommitResult
     because: str
     """Measurements that got worse, the reason why it was skipped, or the measurements that decided."""
     record: str
@@ -166,11 +166,11 @@ def judge(bisection: Bisection, say: str = "") -> JudgedCommit:
         record, was_run, cut_short = _run(bisection, commit, elf)
         is_remembered = was_built and was_run
         if cut_short and not bisection.measures:
-            result, because = Found.WORSE, cut_short
+            result, because = CommitResult.WORSE, cut_short
         else:
             result, because = judge_comparison(_compare_with_good(bisection, record), bisection.measures)
     except _CannotBeJudged as error:
-        result, because = Found.SKIPPED, str(error)
+        result, because = CommitResult.SKIPPED, str(error)
     finally:
         _clean_tree(bisection.tree)
     took_s = 0.0 if is_remembered else time.monotonic() - began_s
@@ -194,7 +194,7 @@ def forget_judged(out: Path) -> None:
     (out / _JUDGED_FILE).write_text("", encoding="utf-8")
 
 
-def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[Found, str]:
+def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[CommitResult, str]:
     """Return whether a commit is worse than the good one, and the reason.
 
     Parameters
@@ -206,10 +206,12 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
         merged according to ``hiltest compare``.
     """
     if not measures:
-        result = {Answer.NOT: Found.WORSE, Answer.MAY: Found.NOT_WORSE}.get(comparison.answer, Found.SKIPPED)
-        return result, ("it cannot be compared: " if result is Found.SKIPPED else "") + reasons(comparison)
+        result = {Answer.NOT: CommitResult.WORSE, Answer.MAY: CommitResult.NOT_WORSE}.get(
+            comparison.answer, CommitResult.SKIPPED
+        )
+        return result, ("it cannot be compared: " if result is CommitResult.SKIPPED else "") + reasons(comparison)
     if worse := worse_in(comparison, measures):
-        return Found.WORSE, join_words([entry(difference) for difference in worse], _NAMED_AT_MOST)
+        return CommitResult.WORSE, join_words([entry(difference) for difference in worse], _NAMED_AT_MOST)
     named = {
         pattern: [difference for difference in comparison.differences if fnmatchcase(difference.name, pattern)]
         for pattern in measures
@@ -223,8 +225,8 @@ def judge_comparison(comparison: Comparison, measures: Sequence[str]) -> tuple[F
     if without:
         names = [difference.name for difference in comparison.differences]
         why = next(iter((*comparison.obstacles, *comparison.failed)), nearest_hint(without[0], names))
-        return Found.SKIPPED, f"it has no value of {join_words(without, _NAMED_AT_MOST)}: {why}"
-    return Found.NOT_WORSE, join_words([entry(difference) for difference in decide], _NAMED_AT_MOST)
+        return CommitResult.SKIPPED, f"it has no value of {join_words(without, _NAMED_AT_MOST)}: {why}"
+    return CommitResult.NOT_WORSE, join_words([entry(difference) for difference in decide], _NAMED_AT_MOST)
 
 
 def worse_in(comparison: Comparison, measures: Sequence[str]) -> list[Difference]:

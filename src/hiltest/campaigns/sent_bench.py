@@ -112,7 +112,7 @@ def sent_bench(
     return SentBench(files.getvalue(), str(folder), tuple(options), read, covers)
 
 
-def digest_of_bench(options: Sequence[str], environment: Mapping[str, str] = os.environ) -> str:
+def digest_of_bench(options: Sequence[str]) -> str:
     """Return a digest of everything that a run in this folder depends on, except firmware that no option names.
 
     Raises
@@ -121,7 +121,7 @@ def digest_of_bench(options: Sequence[str], environment: Mapping[str, str] = os.
         If a file cannot be read.
     """
     folder = Path.cwd()
-    read = _variables(environment)
+    read = _variables(os.environ)
     digest = hashlib.sha256(repr((__version__, str(folder), list(options), sorted(read.items()))).encode())
     for path in _files_of_bench(folder, options, read):
         try:

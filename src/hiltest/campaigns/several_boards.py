@@ -24,7 +24,7 @@ from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run, Verdict
 from hiltest.session.older_firmware import last_words, run_command
 from hiltest.session.settings import make_folder
-from hiltest.studies.jobs import each_done
+from hiltest.studies.jobs import compute_pieces
 from hiltest.text import join_words
 
 SCHEMA = "hiltest.boards/1"
@@ -84,7 +84,7 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     arguments = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())
     ended = {}
     click.echo(f"{len(files)} boards: {', '.join(files)}")
-    for number, (code, last_line) in each_done(
+    for number, (code, last_line) in compute_pieces(
         _run, arguments, range(len(files)), len(files), remark=_KEPT, starts_process=True
     ):
         name = [*files][number]

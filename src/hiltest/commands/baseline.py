@@ -118,14 +118,14 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     from hiltest.json_files import read_json
     from hiltest.run_record.run import utc_now
     from hiltest.verdict.baseline import accept
-    from hiltest.verdict.baseline_file import OTHERWISE, baseline_in
+    from hiltest.verdict.baseline_file import OTHERWISE, read_baseline
     from hiltest.verdict.evidence_reader import read_runs
     from hiltest.verdict.wording import build
 
     if not because.strip():
         raise click.BadParameter("give a reason that the next reader understands", param_hint="--because")
     stored = read_json(file, otherwise=OTHERWISE)
-    before = baseline_in(stored)
+    before = read_baseline(stored)
     runs = read_runs(run)
     after = accept(before, runs, names, because=because, when_utc=utc_now())
     moved = after.history[len(before.history) :]

@@ -156,7 +156,7 @@ def _open_connection(
     """Open a port, or a virtual board with its port, and the reader of variables if the rig has one."""
     from hiltest.boards import VirtualBench
     from hiltest.boards.daplink import port_of
-    from hiltest.boards.faulty_port import with_faults
+    from hiltest.boards.faulty_port import add_faults
     from hiltest.boards.memory_reading import memory_kind
     from hiltest.boards.virtual_port import VirtualPort
     from hiltest.link.ports import READ_SLICE_S, open_port
@@ -172,12 +172,12 @@ def _open_connection(
         virtual.attach(bench.machine)
         virtual.open()
         virtual.timeout = READ_SLICE_S
-        return _Connection(with_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
+        return _Connection(add_faults(virtual, rig.faults, baud=rig.link.baud), bench, memory)
     if firmware is not None and not reads_memory:
         raise ConfigError(f"--firmware is for the virtual board, and this board is on {port}: leave it out")
     line: SerialPort | None = None
     if port is not None and interfaces:
-        line = with_faults(open_port(port, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
+        line = add_faults(open_port(port, baud=rig.link.baud, rig=rig.name), rig.faults, baud=rig.link.baud)
     try:
         is_read = reads_memory and (firmware is not None or line is None)
         return _Connection(

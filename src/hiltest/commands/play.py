@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from hiltest.procedures.recorded_motion import PlayedBack
+    from hiltest.procedures.recorded_motion import Played
     from hiltest.world.recorded_motion import Playback
 
 _EXIT_CODES = """
@@ -39,35 +38,6 @@ Exit codes:
 # Number of headings over a recording without --every.
 _MOMENTS = 12
 _MOST_MOMENTS = 10_000
-
-
-@dataclass(frozen=True, slots=True)
-class PlayedRow:
-    """Results by firmware or calibrator."""
-
-    name: str
-    hard_iron_ut: list[float] | None
-    field_ut: float | None
-    said_error_percent: float | None
-    residual_percent: float | None
-    cycles: int | None
-    heading_deg: Sequence[float | None]
-
-
-@dataclass(frozen=True, slots=True)
-class Played:
-    """Results of firmware from a recording."""
-
-    hiltest: str
-    playing: str
-    """Version, and the recording in words."""
-    points: int
-    """Number of points of the magnetometer."""
-    moments_s: list[float]
-    """Times of the headings, relative to the recording's beginning."""
-    remarks: tuple[str, ...]
-    """Further remarks."""
-    found: list[PlayedRow]
 
 
 @click.command(epilog=_EXIT_CODES)
@@ -109,11 +79,19 @@ def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) 
     if not as_json:
         click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
-    played = play_back(described, magnetometer.times_s, moments_s, firmware=firmware, progress=progress)
+    played = play_back(
+        described,
+        playback.described(),
+        magnetometer.times_s,
+        moments_s,
+        begins_s=playback.begins_s,
+        firmware=firmware,
+        progress=progress,
+    )
     if as_json:
-        print_document("hiltest.play/1", _document(played, playback))
+        print_document("hiltest.play/1", played)
         return 0
-    click.echo("\n".join(["", *_calibrations(played), "", *_headings(played, playback)]))
+    click.echo("\n".join(["", *_calibrations(played), "", *_headings(played)]))
     for remark in played.remarks:
         click.echo(remark, err=True)
     return 0
@@ -135,31 +113,7 @@ def _moments_s(playback: Playback, every_s: float | None) -> NDArray[np.float64]
     return playback.begins_s + step_s * steps
 
 
-def _document(played: PlayedBack, playback: Playback) -> Played:
-    from hiltest import __version__
-
-    return Played(
-        hiltest=__version__,
-        playing=playback.described(),
-        points=played.points,
-        moments_s=[float(moment_s - playback.begins_s) for moment_s in played.moments_s],
-        remarks=played.remarks,
-        found=[
-            PlayedRow(
-                row.name,
-                None if row.hard_iron_ut is None else row.hard_iron_ut.tolist(),
-                row.field_ut,
-                row.said_error_percent,
-                row.residual_percent,
-                row.cycles,
-                row.heading_deg,
-            )
-            for row in played.found
-        ],
-    )
-
-
-def _calibrations(played: PlayedBack) -> list[str]:
+def _calibrations(played: Played) -> list[str]:
     """Return the table of calibrations, one column each."""
     from hiltest.text import format_number
 
@@ -184,9 +138,9 @@ def _calibrations(played: PlayedBack) -> list[str]:
     )
 
 
-def _headings(played: PlayedBack, playback: Playback) -> list[str]:
+def _headings(played: Played) -> list[str]:
     """Return the table of headings, one row per moment of the recording."""
-    if not len(played.moments_s):
+    if not played.moments_s:
         return ["no headings: the recording has no accelerometer"]
     named = [row for row in played.found if row.heading_deg]
     return _table(
@@ -194,7 +148,7 @@ def _headings(played: PlayedBack, playback: Playback) -> list[str]:
             ["heading [deg] at", *(row.name for row in named)],
             *(
                 [
-                    f"{moment_s - playback.begins_s:.2f} s",
+                    f"{moment_s:.2f} s",
                     *("-" if heading is None else f"{heading:.1f}" for heading in row),
                 ]
                 for moment_s, *row in zip(played.moments_s, *(row.heading_deg for row in named), strict=True)

@@ -126,7 +126,7 @@ def profile(
     inputs = [parse_argument(text) for text in arguments]
     values = deepcopy(inputs)
     image = _image(path, **counted)
-    image.tell(lambda line: click.echo(line, err=True))
+    image.report_waits(lambda line: click.echo(line, err=True))
     called = image.call(function, *values, timeout_s=timeout_s)
     document = documents.document(called, path, arguments, inputs, values, memory=image.memory)
     if folded is not None:

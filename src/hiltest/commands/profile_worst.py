@@ -14,7 +14,7 @@ from hiltest.commands.options import NumberRange, documented, setting_option
 from hiltest.session.settings import DEFAULT_OUT, make_folder
 
 if TYPE_CHECKING:
-    from hiltest.studies.worst_case.search import Budget, Found, Problem
+    from hiltest.studies.worst_case.search import Budget, Problem, SearchResult
     from hiltest.studies.worst_case.worst_input import WorstCase
 
 _FEWEST_POINTS, _MOST_POINTS = 9, 512  # unknowns of an ellipsoid, and capacity of the firmware's buffer
@@ -141,7 +141,7 @@ def profile_worst(
         return 1, Worst(function, None, "", None, result.calls, result.refused_cycles)
     write_asked_for(file, to_json(case))
     click.echo(f"saved in {file}; repeat with: hiltest profile worst --replay {file}{_option(firmware)}")
-    document = Worst(case.said, case.cycles, case.cycle_model, str(file), result.calls, result.refused_cycles)
+    document = Worst(case.description, case.cycles, case.cycle_model, str(file), result.calls, result.refused_cycles)
     return 2 if came else 0, document
 
 
@@ -161,12 +161,12 @@ def _problem(elf: Path, function: str, arguments: tuple[str, ...], points: int, 
 
 def _run_search(
     problem: Problem[Any], budget: Budget, seed_number: int, elf: Path, function: str
-) -> tuple[Found[Any], WorstCase | None, str]:
+) -> tuple[SearchResult[Any], WorstCase | None, str]:
     """Return the result, the case to save, and a summary; nothing is saved if no call succeeded."""
     from hiltest.commands.options import ErrorOutput
     from hiltest.session.progress_line import ProgressLine
     from hiltest.studies.worst_case.search import search
-    from hiltest.studies.worst_case.worst_input import case_of
+    from hiltest.studies.worst_case.worst_input import worst_case
     from hiltest.text import format_number
 
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
@@ -184,8 +184,10 @@ def _run_search(
     refused = "" if result.refused_cycles is None else f"; refused calls at most {format_number(result.refused_cycles)}"
     if not result.call.counts:
         return result, None, f"{function}: none of {searched} succeeded{refused}"
-    case = case_of(result, problem.kept(result.worst_input), elf, function, seed_number)
-    summary = f"{case.said}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+    case = worst_case(result, problem.saved_fields(result.worst_input), elf, function, seed_number)
+    summary = (
+        f"{case.description}: {format_number(case.cycles)} cycles at most ({case.cycle_model}; {searched}{refused})"
+    )
     return result, case, summary
 
 
@@ -194,12 +196,14 @@ def _replay(file: Path, elf: Path) -> tuple[int, Worst]:
     from hiltest.text import format_number
 
     case = load_worst_case(file)
-    call, cycle_model = case.replayed(elf)
-    now = f"{case.said}: {format_number(call.cycles)} cycles ({cycle_model})"
+    call, cycle_model = case.replay(elf)
+    now = f"{case.description}: {format_number(call.cycles)} cycles ({cycle_model})"
     if not call.counts:
         now += f"; refused, with {call.returned}"
     is_same_build = digest(elf) == case.elf_sha256
-    document = Worst(case.said, call.cycles, cycle_model, str(file), kept_cycles=case.cycles, same_build=is_same_build)
+    document = Worst(
+        case.description, call.cycles, cycle_model, str(file), kept_cycles=case.cycles, same_build=is_same_build
+    )
     if (call.cycles, cycle_model, call.counts) == (case.cycles, case.cycle_model, True):
         click.echo(f"{now}, the saved count{'' if is_same_build else f', on another build than {case.elf}'}")
         return 0, document

@@ -79,7 +79,7 @@ def _copy_record(stored: RecordFile, out: Path) -> None:
     claim = Journal(out)
     try:
         claim.begin()
-        write_atomically(out / RUN_FILE, content_to_json(stored.content))
+        write_atomically(out / RUN_FILE, content_to_json(stored.file.content))
         _render(stored, out)
         claim.finish()
     finally:
@@ -98,7 +98,7 @@ def _render(stored: RecordFile, folder: Path) -> None:
         raise ConfigError(f"cannot write to {folder}: {error.strerror}; name another folder with --out") from error
     except (LookupError, TypeError, ValueError, ArithmeticError) as error:
         # The plots read tables by column: a file may be a valid record, and have tables with other contents.
-        raise ConfigError(f"{stored.path}: cannot be drawn: {type(error).__name__}: {error}") from error
+        raise ConfigError(f"{stored.file.path}: cannot be drawn: {type(error).__name__}: {error}") from error
 
 
 def _state(folder: Path) -> tuple[int | None, bool | None]:

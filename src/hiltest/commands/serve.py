@@ -197,9 +197,9 @@ def serve(
                 urls_by_name = {"board": urls[0], "turntable": urls[1], **urls_of_uarts, "gdb": gdb_at}
                 click.echo("\n".join(f"{name}: {url}" for name, url in urls_by_name.items() if url))
             faults = bench.rig.faults
-            if faults is not None and faults.of_board:
-                _tell(f"injected faults: {'; '.join(map(str, faults.of_board))}")
-            if faults is not None and faults.of_line:
+            if faults is not None and faults.board_faults:
+                _tell(f"injected faults: {'; '.join(map(str, faults.board_faults))}")
+            if faults is not None and faults.has_line_faults:
                 _tell(
                     f"the line faults of {bench.rig.path} are not simulated: declare them in the rig of the port's user"
                 )
@@ -278,7 +278,7 @@ def _bench(
         base=base,
         flash_file=Path(flash_file) if flash_file else None,
     )
-    bench.machine.tell(_tell)
+    bench.machine.report_waits(_tell)
     for uart in bench.machine.uarts:
         uart.line_baud = baud or described.link.baud
     return bench

@@ -17,7 +17,7 @@ from hiltest.studies import NAMES
 
 if TYPE_CHECKING:
     from hiltest.studies.study import Plan
-    from hiltest.studies.study_page import Studied
+    from hiltest.studies.study_page import StudyDocument
 
 _EXIT_CODES = """
 \b
@@ -45,7 +45,7 @@ def _plan_choice(
     described = load_named_rig(rig)
     noise_ut = noise_ut or described.sensors.magnetometer_noise_ut
     conditions = Conditions(described.field.strength_ut, noise_ut, coverage_percent, cycles)
-    return replace(plan, points=points or described.procedure.calibration_points, given=conditions)
+    return replace(plan, points=points or described.procedure.calibration_points, conditions=conditions)
 
 
 def _is_given(option: str) -> bool:
@@ -109,7 +109,7 @@ def study(
     seed: int,
     jobs: int | str | None,
     out: str | None,
-) -> tuple[int, Studied]:
+) -> tuple[int, StudyDocument]:
     """Repeat an experiment of a paper and compare its figures.
 
     \b
@@ -126,8 +126,8 @@ def study(
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
-    from hiltest.studies.study import Plan, study_of
-    from hiltest.studies.study_page import PAGE_FILE, Studied, StudiedFigure, printed_rows
+    from hiltest.studies.study import Plan, PrintedFigure, study_of
+    from hiltest.studies.study_page import PAGE_FILE, StudyDocument, printed_rows
     from hiltest.studies.study_run import run_study
 
     chosen = study_of(name)
@@ -161,7 +161,7 @@ def study(
     click.echo(f"{folder}: run.json, {PAGE_FILE}")
     click.echo(run.verdict.sentence)
     figures = [
-        StudiedFigure(figure, paper, printed, measured, reproduced == "yes", why)
+        PrintedFigure(figure, paper, printed, measured, reproduced == "yes", why)
         for figure, paper, printed, measured, reproduced, why in rows
     ]
-    return 0, Studied(str(folder), figures, run.verdict)
+    return 0, StudyDocument(str(folder), figures, run.verdict)

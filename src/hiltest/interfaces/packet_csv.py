@@ -37,7 +37,7 @@ class PacketRows:
 
     def _line(self, packet: Packet) -> str:
         if isinstance(packet, TimedPacket):
-            self._time_s = f"{self._clock.at(packet.time_us):.6f}"
+            self._time_s = f"{self._clock.advance(packet.time_us):.6f}"
         values = packet.values()
         cells = [f"{values[name]:.10g}" if name in values else "" for name in self._columns]
         return ",".join([self._time_s, str(packet.type), str(packet.number), *cells]) + "\n"

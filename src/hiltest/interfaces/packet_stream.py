@@ -44,7 +44,7 @@ class PacketTable:
     rows: NDArray[np.void]
     """Shape (n,). Their transmitted fields, by name."""
 
-    def in_unit(self, name: str) -> NDArray[np.float64]:
+    def scaled_values(self, name: str) -> NDArray[np.float64]:
         """Return an attribute in its unit, such as ``acceleration_g``: shape (n,) or (n, count)."""
         attribute = scaled(self.kind)[name]
         values: NDArray[np.float64] = self.rows[attribute.field] / attribute.per_unit

@@ -35,7 +35,7 @@ class BoardClock:
         self._last: int | None = None
         self._doubted: int | None = None
 
-    def at(self, time_us: int) -> float:
+    def advance(self, time_us: int) -> float:
         """Add the next stamp; return the time since the first one [s]."""
         if self._last is not None and abs(step := _step_us(self._last, time_us)) <= _LONGEST_STEP_US:
             self._go(step, time_us)
@@ -90,7 +90,7 @@ class StreamSummary:
             if table.kind is DebugPacket:
                 self.firmware = int(table.rows["firmware"][-1])
         for time_us in _stamps(batch):
-            self.clock.at(time_us)
+            self.clock.advance(time_us)
         self._count_missing(batch)
 
     @property

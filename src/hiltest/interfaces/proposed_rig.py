@@ -36,7 +36,7 @@ _NOTE_COLUMN, _LONGEST_NOTE = 50, 120
 _WORLD = ("field", "mounting", "turntable", "sensors", "procedure", "world")
 
 
-class Kind(StrEnum):
+class InterfaceKind(StrEnum):
     """Interface to firmware; the values are a rig's kinds."""
 
     FSFLK = "fsflk"
@@ -60,9 +60,9 @@ _NO_DEVICE = """# No name or text in the ELF is certainly a heading. Without a t
 # [device]
 # kind = "text\""""
 _WORDS = {
-    Kind.FSFLK: "packets of NXP's Sensor Fusion",
-    Kind.TEXT: "printed lines",
-    Kind.MEMORY: "variables by name",
+    InterfaceKind.FSFLK: "packets of NXP's Sensor Fusion",
+    InterfaceKind.TEXT: "printed lines",
+    InterfaceKind.MEMORY: "variables by name",
 }
 
 
@@ -79,7 +79,7 @@ class Proposals:
     """Interfaces that an ELF's names and texts suggest."""
 
     speaks_our_protocol: bool
-    kinds: tuple[Kind, ...]
+    kinds: tuple[InterfaceKind, ...]
     """Kinds that may give the heading, the surest first."""
     release: str
     """Release of NXP's Sensor Fusion; empty for other firmware."""
@@ -109,10 +109,14 @@ def look_at(image: FirmwareImage) -> Proposals:
     by_line, by_variable = best_first(line_candidates(image)), best_first(variables)
     names = {function.name for function in image.functions}
     is_nxp = len(names & _NXP) > 1
-    kinds = {Kind.FSFLK: is_nxp, Kind.TEXT: Quantity.HEADING in by_line, Kind.MEMORY: Quantity.HEADING in by_variable}
+    kinds = {
+        InterfaceKind.FSFLK: is_nxp,
+        InterfaceKind.TEXT: Quantity.HEADING in by_line,
+        InterfaceKind.MEMORY: Quantity.HEADING in by_variable,
+    }
     if is_nxp:  # its variables are in hiltest's units
         by_variable = {
-            quantity: [_with_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
+            quantity: [_set_own_unit(candidate) for candidate in several] for quantity, several in by_variable.items()
         }
     return Proposals(
         len(names & _OURS) > 1,
@@ -125,7 +129,7 @@ def look_at(image: FirmwareImage) -> Proposals:
     )
 
 
-def _with_own_unit(candidate: Candidate) -> Candidate:
+def _set_own_unit(candidate: Candidate) -> Candidate:
     unit = "" if "int" in candidate.reason else candidate.meaning.quantity.unit
     return replace(candidate, meaning=replace(candidate.meaning, unit=unit))
 
@@ -144,7 +148,7 @@ def _functions(image: FirmwareImage) -> tuple[str, ...]:
     return tuple(names_of_work[:_MOST_COUNTED])
 
 
-def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
+def chosen_kind(proposals: Proposals, choose: Choose | None) -> InterfaceKind | None:
     """Return the interface: the surest one, or the user's choice; None if none gives a heading."""
     kinds = proposals.kinds
     if choose is None or len(kinds) < 2:
@@ -153,7 +157,7 @@ def chosen_kind(proposals: Proposals, choose: Choose | None) -> Kind | None:
 
 
 def rig_text(
-    proposals: Proposals, kind: Kind | None, base: str, *, name: str, firmware: str, choose: Choose | None
+    proposals: Proposals, kind: InterfaceKind | None, base: str, *, name: str, firmware: str, choose: Choose | None
 ) -> str:
     """Return the text of a rig.
 
@@ -182,14 +186,14 @@ def rig_text(
     return "\n\n".join(parts) + "\n"
 
 
-def _device(proposals: Proposals, kind: Kind | None, choose: Choose | None) -> list[str]:
+def _device(proposals: Proposals, kind: InterfaceKind | None, choose: Choose | None) -> list[str]:
     """Return the tables of ``[device]``, with unused ones as comments."""
     tables = {
-        Kind.TEXT: _patterns(proposals.lines, choose if kind is Kind.TEXT else None),
-        Kind.MEMORY: _values(proposals.variables, choose if kind is Kind.MEMORY else None),
+        InterfaceKind.TEXT: _patterns(proposals.lines, choose if kind is InterfaceKind.TEXT else None),
+        InterfaceKind.MEMORY: _values(proposals.variables, choose if kind is InterfaceKind.MEMORY else None),
     }
     device = _DEVICE.format(kind) + (_NXP_DEVICE if proposals.release else "")
-    if kind is Kind.FSFLK:
+    if kind is InterfaceKind.FSFLK:
         used = device + _RELEASE.format(proposals.release)
     elif kind is not None and tables[kind].has_heading:
         used = f"{device}\n{tables.pop(kind).text}"
@@ -209,17 +213,17 @@ def _used_candidate(candidates: Sequence[Candidate], choose: Choose | None) -> C
     quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
     if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
         is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # because it may be the soft iron itself
-        return _with_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
+        return _set_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
     options = [f"{candidate.written}  ({candidate.reason})" for candidate in candidates]
     number = choose(f"{quantity.key} is", [*options, "none of these"])
     if number == len(candidates) or not candidates[number].needs_unit:
         return candidates[number] if number < len(candidates) else None
     candidate, units = candidates[number], unit_words(quantity.unit)
     number = choose(f"unit of {candidate.written}", [*units, "unknown, or counts"])
-    return _with_unit(candidate, units[number]) if number < len(units) else None
+    return _set_unit(candidate, units[number]) if number < len(units) else None
 
 
-def _with_unit(candidate: Candidate, unit: str = "") -> Candidate:
+def _set_unit(candidate: Candidate, unit: str = "") -> Candidate:
     """Return a candidate with the given unit, its guessed one, or the quantity's own."""
     its_unit = unit or candidate.meaning.unit or candidate.meaning.quantity.unit
     return replace(candidate, meaning=replace(candidate.meaning, unit=its_unit))
@@ -234,7 +238,7 @@ def _entries(candidates: Candidates, choose: Choose | None) -> Iterator[tuple[Ca
             doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
             if candidate.needs_unit and not (is_used and choose is not None):
                 doubt = f"{quantity.unit}? not stated"
-            entry = used if is_used and used is not None else _with_unit(candidate)
+            entry = used if is_used and used is not None else _set_unit(candidate)
             yield entry, "" if is_used else "# ", "; ".join(filter(None, (candidate.reason, doubt)))
 
 

@@ -15,7 +15,7 @@ _BETWEEN = re.compile(r"[\s,;]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class LineFields:
     """Fields that a form finds in a line."""
 
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -26,10 +26,10 @@ class Found:
     """True if the line is a header."""
 
 
-class Form(Protocol):
+class LineForm(Protocol):
     """Locator of fields in lines."""
 
-    def find(self, line: str) -> Found:
+    def find(self, line: str) -> LineFields:
         """Return the fields of a line."""
 
 
@@ -39,7 +39,7 @@ class PatternForm:
     def __init__(self, patterns: Sequence[Pattern]) -> None:
         self._patterns = patterns
 
-    def find(self, line: str) -> Found:
+    def find(self, line: str) -> LineFields:
         """Return the groups of all patterns that match; of groups with the same name, the first pattern's."""
         fields: dict[str, list[str]] = {}
         for pattern in self._patterns:
@@ -47,7 +47,9 @@ class PatternForm:
             for name, text in match.groupdict().items() if match else ():
                 if text is not None:
                     fields.setdefault(name, _split_numbers(text))
-        return Found(fields, "a pattern matches, but without a complete quantity" if fields else "no pattern matches")
+        return LineFields(
+            fields, "a pattern matches, but without a complete quantity" if fields else "no pattern matches"
+        )
 
 
 class JsonForm:
@@ -56,16 +58,18 @@ class JsonForm:
     def __init__(self, paths: Sequence[str]) -> None:
         self._paths = paths
 
-    def find(self, line: str) -> Found:
+    def find(self, line: str) -> LineFields:
         """Return the values at the paths; an array gives its elements."""
         try:
             # Numbers stay as printed text; they are validated later, NaN included.
             content = json.loads(line, parse_float=str, parse_int=str, parse_constant=str)
         except (ValueError, RecursionError):
-            return Found(remark="no JSON")
+            return LineFields(remark="no JSON")
         texts = {path: list(_texts(_value_at(content, path))) for path in self._paths}
         missing = [path for path in self._paths if not texts[path]]
-        return Found({path: values for path, values in texts.items() if values}, f"nothing at {', '.join(missing)}")
+        return LineFields(
+            {path: values for path, values in texts.items() if values}, f"nothing at {', '.join(missing)}"
+        )
 
 
 def _split_numbers(text: str) -> list[str]:
@@ -117,18 +121,18 @@ class ColumnForm:
         if columns or not self._names:
             self._take_header(columns)
 
-    def find(self, line: str) -> Found:
+    def find(self, line: str) -> LineFields:
         """Return the cells of a row; a header line has none."""
         cells = [part.strip().strip('"') for part in line.split(self._separator)]
         if self._names and self._names <= {cell.lower() for cell in cells}:
             self._take_header(cells)
-            return Found(remark="names of the columns", is_header=True)
+            return LineFields(remark="names of the columns", is_header=True)
         if self._places is None:
-            return Found(remark=f"no line with the names {', '.join(sorted(self._names))} has arrived")
+            return LineFields(remark=f"no line with the names {', '.join(sorted(self._names))} has arrived")
         if self._width and len(cells) != self._width:
-            return Found(remark=f"{len(cells)} columns, not {self._width}")
+            return LineFields(remark=f"{len(cells)} columns, not {self._width}")
         fields = {name: _split_numbers(cells[place]) for name, place in self._places.items() if cells[place:]}
-        return Found(fields, "too few columns")
+        return LineFields(fields, "too few columns")
 
     def _take_header(self, cells: Sequence[str]) -> None:
         places = {name.lower(): place for place, name in reversed([*enumerate(cells)])}

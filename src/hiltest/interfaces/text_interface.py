@@ -1,7 +1,9 @@
-"""Interface to firmware that prints lines."""
+"""Interface to firmware that prints lines: plausible values in the fields of each, in their quantity's unit."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,18 +12,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.interfaces.quantities import Moment, Observation, Quantity
-from hiltest.interfaces.text_forms import Form
+from hiltest.interfaces.text_forms import LineForm
 from hiltest.interfaces.text_lines import LONGEST_LINE, LineSplitter, Pattern, is_intact
-from hiltest.interfaces.text_values import ValueSource
+from hiltest.measurement.units import Conversion
 from hiltest.text import format_count, legible
 
 _LONGEST_ERROR = 200
 _DAMAGED = "a line has a wrong check sum"
 _READY = np.ones(1)
+# float() would also accept nan, infinity, 1_000 and digits of other scripts.
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+# Magnitudes that no sensor measures, by unit: two turns; a tenth of a tesla; above the sensors for the largest shocks
+# and rates.
+_LARGEST = {"deg": 720.0, "uT": 1e5, "g": 1e3, "dps": 1e5, "degC": 1e3, "%": 1e5, "": 1e6}
+_WORDS = {**dict.fromkeys(("true", "yes", "on"), 1.0), **dict.fromkeys(("false", "no", "off"), 0.0)}
+_AXES = {
+    1: ("",),
+    3: ("_x", "_y", "_z"),
+    4: ("_w", "_x", "_y", "_z"),
+    9: tuple(f"_{row}{column}" for row in "xyz" for column in "xyz"),
+}
+
+
+def component_names(quantity: Quantity) -> tuple[str, ...]:
+    """Return the names of a quantity's numbers.
+
+    Examples
+    --------
+    >>> component_names(Quantity.HEADING), component_names(Quantity.HARD_IRON)
+    (('heading',), ('hard_iron_x', 'hard_iron_y', 'hard_iron_z'))
+    """
+    return tuple(quantity.key + axis for axis in _AXES[quantity.size])
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ValueSource:
+    """Source of a quantity in printed fields."""
+
+    quantity: Quantity
+    fields: tuple[str, ...]
+    """Fields that hold its numbers, in order."""
+    conversion: Conversion
+    """Conversion from the printed unit to the quantity's, scale included."""
+
+    def value(self, fields: Mapping[str, Sequence[str]]) -> NDArray[np.float64] | str | None:
+        """Return the value in the fields of a line, or the reason why it is invalid; None if a field is missing."""
+        if any(name not in fields for name in self.fields):
+            return None
+        texts = [text for name in self.fields for text in fields[name]]
+        if len(texts) != self.quantity.size:
+            return f"{len(texts)} numbers, not {self.quantity.size}"
+        numbers = []
+        for text in texts:
+            number = self._number(text)
+            if isinstance(number, str):
+                return number
+            numbers.append(number)
+        return np.array(numbers)
+
+    def _number(self, text: str) -> float | str:
+        """Return a number in the quantity's unit, or the reason why it is invalid."""
+        word = _WORDS.get(text.lower()) if self.quantity is Quantity.CALIBRATED else None
+        if word is not None:
+            return word
+        number = float(text) if _NUMBER.fullmatch(text) else math.nan
+        converted = self.conversion.factor * number + self.conversion.offset
+        if math.isnan(converted):
+            return f"{text[:20]!r} is not a number"
+        largest = _LARGEST[self.quantity.unit]
+        if not abs(converted) <= largest:
+            return f"{converted:g} {self.quantity.unit} is beyond {largest:g}; check its unit and scale"
+        return converted
+
+
+@dataclass(frozen=True, slots=True)
+class LineReading:
     """Interpretation of a line."""
 
     line: str
@@ -65,7 +130,7 @@ class TextInterface:
 
     def __init__(
         self,
-        form: Form,
+        form: LineForm,
         sources: Sequence[ValueSource],
         *,
         patterns: Sequence[Pattern] = (),
@@ -109,20 +174,20 @@ class TextInterface:
         readings = [reading for reading in self.readings(data) if reading.values or reading.error]
         return [Observation(time_s, reading.values, reading.error, reading.checked) for reading in readings]
 
-    def readings(self, data: bytes) -> list[Reading]:
+    def readings(self, data: bytes) -> list[LineReading]:
         """Decode bytes; return every line that they complete, interpreted or not."""
         readings = [self._read(line) for line in self._splitter.feed(data)]
         self.not_understood += sum(not reading.understood for reading in readings)
         return readings
 
-    def _read(self, line: str | None) -> Reading:
+    def _read(self, line: str | None) -> LineReading:
         if line is None:
             self._begun = True
-            return Reading("", remark=f"longer than {LONGEST_LINE} bytes")
+            return LineReading("", remark=f"longer than {LONGEST_LINE} bytes")
         is_first, self._begun = not self._begun, True
         intact = is_intact(line)
         if intact is False and not is_first:
-            return Reading(line, error=_DAMAGED)
+            return LineReading(line, error=_DAMAGED)
         match = self._form.find(line)
         values, refused = self._values(match.fields)
         complaints = [f"{quantity.key}: {why}" for quantity, why in refused.items()]
@@ -136,7 +201,7 @@ class TextInterface:
         error = self._error_in(line)
         understood = bool(values or error or match.is_header or is_first)
         remarks = complaints or ([] if values or error else [match.remark])
-        return Reading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
+        return LineReading(line, values, error, "; ".join(remarks), understood, checked=intact is True)
 
     def _values(
         self, fields: Mapping[str, Sequence[str]]

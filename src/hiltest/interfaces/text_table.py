@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.interfaces.quantities import Moment, Quantity
-from hiltest.interfaces.text_forms import ColumnForm, Form, JsonForm, PatternForm
-from hiltest.interfaces.text_interface import TextInterface
+from hiltest.interfaces.text_forms import ColumnForm, JsonForm, LineForm, PatternForm
+from hiltest.interfaces.text_interface import TextInterface, ValueSource, component_names
 from hiltest.interfaces.text_lines import Pattern
-from hiltest.interfaces.text_values import ValueSource, component_names
 from hiltest.measurement.units import Conversion, conversion, unit_words
 from hiltest.rig.text_device import COUNTS, TextDevice, TextValue
 from hiltest.rig.toml_tables import RigValueError, require
@@ -43,7 +42,7 @@ def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterf
     )
 
 
-def _form(table: TextDevice, patterns: Sequence[Pattern], sources: Sequence[ValueSource]) -> Form:
+def _form(table: TextDevice, patterns: Sequence[Pattern], sources: Sequence[ValueSource]) -> LineForm:
     if table.format == "lines":
         return PatternForm(patterns)
     names = [name for source in sources for name in source.fields]

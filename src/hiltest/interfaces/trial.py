@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hiltest.interfaces.kinds import feed_decoder
 from hiltest.interfaces.memory_interface import MemoryInterface
 from hiltest.interfaces.quantities import Quantity, StreamInterface
-from hiltest.interfaces.text_interface import Reading, TextInterface
+from hiltest.interfaces.text_interface import LineReading, TextInterface
 from hiltest.text import format_count, format_number, legible
 
 _MOST_REASONS = 5
@@ -131,12 +131,12 @@ class Trial:
         return is_said or (self._memory is not None and quantity in self._memory.offers)
 
 
-def _readings(kind: str, interface: StreamInterface, data: bytes, time_s: float) -> Sequence[Reading]:
+def _readings(kind: str, interface: StreamInterface, data: bytes, time_s: float) -> Sequence[LineReading]:
     """Return the readings that bytes complete; without text if the interface has no lines."""
     if isinstance(interface, TextInterface):
         return interface.readings(data)
     return [
-        Reading("", observation.values, observation.error, understood=True)
+        LineReading("", observation.values, observation.error, understood=True)
         for observation in feed_decoder(kind, interface, data, time_s)
     ]
 

@@ -60,7 +60,7 @@ class VariableIndex:
         self._types = [unit.get_top_DIE() for unit in dwarf.iter_TUs()]  # of -fdebug-types-section
 
     @cached_property
-    def _by_name(self) -> dict[str, list[tuple[Any, str]]]:
+    def _entries_by_name(self) -> dict[str, list[tuple[Any, str]]]:
         """Entries with the file of each, by name with namespaces and class."""
         scoped = [(scope, entry) for top in self._units for scope, entry in _scoped_entries(top)]
         # In C++ a definition is outside its namespace or class, which contains only the declaration.
@@ -118,7 +118,7 @@ class VariableIndex:
 
     def _entries(self, path: VariablePath) -> list[tuple[Any, str]]:
         full = f"{path.scope}::{path.name}" if path.scope else path.name
-        entries = self._by_name.get(full, [])
+        entries = self._entries_by_name.get(full, [])
         if path.scope and not entries:
             return [
                 (entry, file)
@@ -144,7 +144,7 @@ class VariableIndex:
     def listed(self) -> Iterator[tuple[str, FoundVariable]]:
         """Yield every variable in memory, with its path."""
         within = [(f"{function}::{name_of(entry)}", [file]) for function, entry, file in self._statics if function]
-        at_top = [(name, [file for _, file in entries]) for name, entries in self._by_name.items()]
+        at_top = [(name, [file for _, file in entries]) for name, entries in self._entries_by_name.items()]
         for name, files in [*at_top, *within]:
             for path in (name, *(f"{PurePosixPath(file).name}:{name}" for file in sorted(set(files)))):
                 try:
@@ -161,7 +161,7 @@ class VariableIndex:
 
     def nearest(self, name: str) -> str:
         """Return the most similar names, as the end of a sentence."""
-        return nearest_names(name, [full_name for full_name in self._by_name if full_name])
+        return nearest_names(name, [full_name for full_name in self._entries_by_name if full_name])
 
     def enumerator(self, name: str) -> int:
         """Return the value of an enumerator.

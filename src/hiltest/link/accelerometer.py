@@ -13,7 +13,7 @@ from hiltest.calibration.accelerometer import AccelerometerFit, AccelerometerSol
 from hiltest.calibration.still_pose import FACES
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Plain, Request, name_field, within
+from hiltest.link.request import Plain, Request, check_range, name_field
 
 _NO_POSE = 255
 
@@ -58,7 +58,6 @@ class FitAccelerometerReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FitAccelerometerReply:
-        """Read the reply."""
         status = fields.choice(AccelerometerStatus, "fit status")
         mask, pose = fields.number("B", "faces"), fields.number("B", "pose")
         faces = tuple(face for face in FACES if mask >> face & 1)
@@ -81,7 +80,7 @@ class FitAccelerometer(Request[FitAccelerometerReply]):
     method: str
 
     def payload(self) -> bytes:
-        return struct.pack("<B", within(self.n, 0, 0xFF, "poses")) + name_field(self.method)
+        return struct.pack("<B", check_range(self.n, 0, 0xFF, "poses")) + name_field(self.method)
 
 
 def read_accelerometer(fields: FieldReader) -> AccelerometerFit:

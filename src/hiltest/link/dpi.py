@@ -9,7 +9,7 @@ from enum import IntEnum
 from hiltest.calibration.fit import FitStatus
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import CalibrationReply, RunCost, Status
-from hiltest.link.request import Request, within
+from hiltest.link.request import Request, check_range
 
 
 class DpiSource(IntEnum):
@@ -38,7 +38,6 @@ class DpiReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> DpiReply:
-        """Read the reply."""
         fit = fields.choice(FitStatus, "fit status")
         fields.number("B", "flags")
         fields.number("H", "iterations")
@@ -74,7 +73,7 @@ class FitDpi(Request[DpiReply]):
         return struct.pack(
             "<BHBBf",
             self.source,
-            within(self.n, 1, 0xFFFF, "rows"),
+            check_range(self.n, 1, 0xFFFF, "rows"),
             self.slot,
             has_dip,
             self.dip_deg if has_dip else 0.0,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Request, Timed, within
+from hiltest.link.request import Request, Timed, check_range
 
 #: Capacity of the board's record buffer, and records per reply.
 MAX_FUSION_RECORDS = 1024
@@ -64,7 +64,6 @@ class FusionSummary:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionSummary:
-        """Read the reply."""
         began_us = fields.number("Q", "began")
         names = ("records", "no attitude", "accelerated", "bad steps", "overruns")
         records, no_attitude, accelerated, bad_steps, overruns = (fields.number("H", name) for name in names)
@@ -94,7 +93,6 @@ class FusionRecords:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionRecords:
-        """Read the reply."""
         count = fields.number("B", "records")
         times, rows = [], []
         for _ in range(count):
@@ -133,7 +131,8 @@ class FusionStart(Timed, Request[Quaternions]):
     """See `hiltest.orientation.fusion.FusionNoise`."""
 
     def payload(self) -> bytes:
-        every, readings = within(self.every, 1, 255, "corrections"), within(self.readings, 1, _MAX_READINGS, "readings")
+        every = check_range(self.every, 1, 255, "corrections")
+        readings = check_range(self.readings, 1, _MAX_READINGS, "readings")
         noise = (self.rate_dps_rthz, self.tilt_deg, self.heading_deg, self.gate_g)
         return struct.pack("<BBHI4f", self.slot, every, readings, self.timeout_us, *noise)
 
@@ -151,7 +150,7 @@ class FusionRun(Request[FusionSummary]):
     duration_us: int
 
     def payload(self) -> bytes:
-        return struct.pack("<I", within(self.duration_us, 1, _LONGEST_US, "us"))
+        return struct.pack("<I", check_range(self.duration_us, 1, _LONGEST_US, "us"))
 
     @property
     def board_time_s(self) -> float:
@@ -169,5 +168,5 @@ class FusionRead(Request[FusionRecords]):
     count: int = MAX_FUSION_READ
 
     def payload(self) -> bytes:
-        count = within(self.count, 0, MAX_FUSION_READ, "records")
-        return struct.pack("<HB", within(self.first, 0, MAX_FUSION_RECORDS, "records"), count)
+        count = check_range(self.count, 0, MAX_FUSION_READ, "records")
+        return struct.pack("<HB", check_range(self.first, 0, MAX_FUSION_RECORDS, "records"), count)

@@ -142,7 +142,6 @@ class GrblLine:
         return {int(match[1]): float(match[2]) for match in matches if match}
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def _synchronise(self) -> None:

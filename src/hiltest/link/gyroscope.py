@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsFit, TurnsStatus
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import Counts, Reals, RunCost, Statistic, Status
-from hiltest.link.request import Plain, Request, Timed, within
+from hiltest.link.request import Plain, Request, Timed, check_range
 
 MAX_REST = 4096
 MAX_TURN = 12_000
@@ -97,7 +97,6 @@ class GyroscopeRestReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> GyroscopeRestReply:
-        """Read the reply."""
         return cls(
             fields.number("H", "count"),
             Statistic.parse(fields, "gyroscope"),
@@ -125,7 +124,6 @@ class IntegrateGyroscopeReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> IntegrateGyroscopeReply:
-        """Read the reply."""
         return cls(
             fields.number("H", "count"),
             _sums(fields, "sum"),
@@ -148,7 +146,6 @@ class LogGyroscopeReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> LogGyroscopeReply:
-        """Read the reply."""
         samples = fields.counts(fields.number("B", "count"), "samples")
         return cls(samples, fields.number("b", "die temperature"), Span.parse(fields))
 
@@ -162,7 +159,6 @@ class FitGyroscopeReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FitGyroscopeReply:
-        """Read the reply."""
         status, at_fault = fields.choice(TurnsStatus, "fit status"), fields.number("B", "turn at fault")
         matrix, residual_deg = fields.reals(9, "matrix").reshape(3, 3), fields.real("residual")
         fit = TurnsFit(status, at_fault if at_fault < MAX_TURNS else None, matrix, residual_deg)
@@ -173,16 +169,15 @@ class FitGyroscopeReply:
 class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
     """Average the gyroscope at rest; `store` keeps the mean as bias afterwards, unless the board was moved."""
 
-    code: ClassVar[int] = 0x0F
-    command: ClassVar[str] = "GYROSCOPE_REST"
+    code = 0x0F
+    command = "GYROSCOPE_REST"
     n: int
     store: bool = False
     noise: float = 0.0
     """rms of one sample, if all were independent, for the test of stillness [counts]; 0 leaves the test out."""
 
     def payload(self) -> bytes:
-        """Return the request's payload."""
-        n = within(self.n, 1, MAX_REST, "samples")
+        n = check_range(self.n, 1, MAX_REST, "samples")
         return struct.pack("<HIBf", n, self.timeout_us, self.store, self.noise)
 
 
@@ -190,41 +185,38 @@ class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
 class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
     """Sum n samples of the gyroscope without a gap."""
 
-    code: ClassVar[int] = 0x1E
-    command: ClassVar[str] = "INTEGRATE_GYROSCOPE"
+    code = 0x1E
+    command = "INTEGRATE_GYROSCOPE"
     n: int
 
     def payload(self) -> bytes:
-        """Return the request's payload."""
-        return struct.pack("<HI", within(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
+        return struct.pack("<HI", check_range(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
 
 
 @dataclass(frozen=True)
 class LogGyroscope(Timed, Request[LogGyroscopeReply]):
     """Read the next n samples, with 0 the waiting ones; with `go_on` those after the last request's."""
 
-    code: ClassVar[int] = 0x25
-    command: ClassVar[str] = "LOG_GYROSCOPE"
+    code = 0x25
+    command = "LOG_GYROSCOPE"
     n: int
     go_on: bool = False
 
     def payload(self) -> bytes:
-        """Return the request's payload."""
-        return struct.pack("<BBI", within(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
+        return struct.pack("<BBI", check_range(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
 
 
 @dataclass(frozen=True)
 class FitGyroscope(Request[FitGyroscopeReply]):
     """Fit the matrix to turns, and count cycles."""
 
-    code: ClassVar[int] = 0x1F
-    command: ClassVar[str] = "FIT_GYROSCOPE"
+    code = 0x1F
+    command = "FIT_GYROSCOPE"
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     turns: Sequence[GyroscopeTurn]
 
     def payload(self) -> bytes:
-        """Return the request's payload."""
-        count = within(len(self.turns), 1, MAX_TURNS, "turns")
+        count = check_range(len(self.turns), 1, MAX_TURNS, "turns")
         return bytes([count]) + b"".join(map(_turn_field, self.turns))
 
 
@@ -232,13 +224,12 @@ class FitGyroscope(Request[FitGyroscopeReply]):
 class SetGyroscope(Plain):
     """Store the gyroscope's calibration: ``rate_dps = matrix @ (counts - bias)``."""
 
-    code: ClassVar[int] = 0x20
-    command: ClassVar[str] = "SET_GYROSCOPE"
+    code = 0x20
+    command = "SET_GYROSCOPE"
     matrix: ArrayLike
     bias: ArrayLike
 
     def payload(self) -> bytes:
-        """Return the request's payload."""
         matrix, bias = np.asarray(self.matrix, dtype="<f4"), np.asarray(self.bias, dtype="<f4")
         return matrix.reshape(9).tobytes() + bias.reshape(3).tobytes()
 
@@ -247,11 +238,10 @@ class SetGyroscope(Plain):
 class GetGyroscope(Request[GyroscopeFit]):
     """Ask for the gyroscope's calibration."""
 
-    code: ClassVar[int] = 0x21
-    command: ClassVar[str] = "GET_GYROSCOPE"
+    code = 0x21
+    command = "GET_GYROSCOPE"
 
     def parse(self, fields: FieldReader) -> GyroscopeFit:
-        """Read the data of an OK reply."""
         return GyroscopeFit(fields.reals(9, "matrix").reshape(3, 3), fields.reals(3, "bias"))
 
 

@@ -24,7 +24,7 @@ from hiltest.link.replies import (
     Status,
     SyncReply,
 )
-from hiltest.link.request import Plain, Request, Timed, name_field, within
+from hiltest.link.request import Plain, Request, Timed, check_range, name_field
 
 PROTOCOL_VERSION = 8
 MAX_UPLOAD = 160
@@ -88,7 +88,7 @@ class Read(Timed, Request[ReadReply]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<BBI", self.sensor_id, within(self.count, 1, MAX_READ, "samples"), self.timeout_us)
+        return struct.pack("<BBI", self.sensor_id, check_range(self.count, 1, MAX_READ, "samples"), self.timeout_us)
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Collect(Timed, Request[CollectReply]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<HI", within(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
+        return struct.pack("<HI", check_range(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ class Upload(Request[int]):
 
     def payload(self) -> bytes:
         rows = np.asarray(self.points)
-        within(len(rows), 1, MAX_UPLOAD if rows.shape[1:] == (3,) else MAX_UPLOAD_PAIRS, "points")
-        within(int(rows.min()), -0x8000, 0x7FFF, "counts")
-        within(int(rows.max()), -0x8000, 0x7FFF, "counts")
+        check_range(len(rows), 1, MAX_UPLOAD if rows.shape[1:] == (3,) else MAX_UPLOAD_PAIRS, "points")
+        check_range(int(rows.min()), -0x8000, 0x7FFF, "counts")
+        check_range(int(rows.max()), -0x8000, 0x7FFF, "counts")
         return struct.pack("<HB", self.first, len(rows)) + rows.astype("<i2").tobytes()
 
     def parse(self, fields: FieldReader) -> int:
@@ -136,7 +136,7 @@ class Points(Request[PointsReply]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<HB", self.first, within(self.count, 1, MAX_POINTS_READ, "points"))
+        return struct.pack("<HB", self.first, check_range(self.count, 1, MAX_POINTS_READ, "points"))
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class TimeRange(Request[RunCost | None]):
     n: int
 
     def payload(self) -> bytes:
-        return struct.pack("<H", within(self.n, 1, 0xFFFF, "points"))
+        return struct.pack("<H", check_range(self.n, 1, 0xFFFF, "points"))
 
     def parse(self, fields: FieldReader) -> RunCost | None:
         return RunCost.parse(fields)
@@ -176,7 +176,7 @@ class Calibrate(Request[CalibrateReply]):
     iterations: int = field(default=0, kw_only=True)
 
     def payload(self) -> bytes:
-        limit = within(self.iterations, 0, 0xFFFF, "iterations")
+        limit = check_range(self.iterations, 0, 0xFFFF, "iterations")
         return struct.pack("<HH", self.n, limit) + name_field(self.calibrator)
 
     @property
@@ -235,7 +235,7 @@ class Average(Timed, Request[AverageReply]):
     slot_bitmask: int = 0
 
     def payload(self) -> bytes:
-        return struct.pack("<HIH", within(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
+        return struct.pack("<HIH", check_range(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
 
     def parse(self, fields: FieldReader) -> AverageReply:
         return AverageReply.parse(fields, self.slot_bitmask)

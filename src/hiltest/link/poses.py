@@ -12,7 +12,7 @@ import numpy as np
 from hiltest.calibration.still_pose import Face, StillPose
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import AverageReply
-from hiltest.link.request import Plain, Request, Timed, within
+from hiltest.link.request import Plain, Request, Timed, check_range
 
 MAX_TRANSFER = 20
 _MAX_READINGS = 512
@@ -28,7 +28,6 @@ class AddPoseReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> AddPoseReply:
-        """Read the reply."""
         index = fields.number("B", "index")
         return cls(index, AverageReply.parse(fields, 0), fields.number("b", "die temperature"))
 
@@ -43,7 +42,7 @@ class AddPose(Timed, Request[AddPoseReply]):
     face: Face = Face.NONE
 
     def payload(self) -> bytes:
-        return struct.pack("<HIB", within(self.n, 1, _MAX_READINGS, "samples"), self.timeout_us, self.face)
+        return struct.pack("<HIB", check_range(self.n, 1, _MAX_READINGS, "samples"), self.timeout_us, self.face)
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Poses(Request[tuple[StillPose, ...]]):
     count: int
 
     def payload(self) -> bytes:
-        return struct.pack("<BB", self.first, within(self.count, 1, MAX_TRANSFER, "poses"))
+        return struct.pack("<BB", self.first, check_range(self.count, 1, MAX_TRANSFER, "poses"))
 
     def parse(self, fields: FieldReader) -> tuple[StillPose, ...]:
         return tuple(read_pose(fields) for _ in range(fields.number("B", "poses")))
@@ -80,7 +79,7 @@ class UploadPoses(Request[int]):
     poses: Sequence[StillPose]
 
     def payload(self) -> bytes:
-        count = within(len(self.poses), 1, MAX_TRANSFER, "poses")
+        count = check_range(len(self.poses), 1, MAX_TRANSFER, "poses")
         return struct.pack("<BB", self.first, count) + b"".join(map(_pose_bytes, self.poses))
 
     def parse(self, fields: FieldReader) -> int:

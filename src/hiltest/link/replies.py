@@ -73,7 +73,6 @@ class SyncReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> SyncReply:
-        """Read the reply."""
         return cls(fields.number("I", "nonce"), fields.number("H", "protocol version"))
 
 
@@ -97,7 +96,6 @@ class Identity:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> Identity:
-        """Read the reply."""
         return cls(
             protocol_version=fields.number("H", "protocol version"),
             core_clock_hz=fields.number("I", "core clock"),
@@ -162,7 +160,6 @@ class ReadReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> ReadReply:
-        """Read the reply."""
         count = fields.number("B", "count")
         rows = [(fields.number("Q", "time"), fields.counts(1, "sample")) for _ in range(count)]
         times = np.array([time for time, _ in rows], dtype=np.uint64).astype(np.int64)
@@ -181,7 +178,6 @@ class CollectReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CollectReply:
-        """Read the reply."""
         return cls(
             fields.number("H", "stored"),
             fields.counts(1, "minimum")[0],
@@ -199,7 +195,6 @@ class PointsReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> PointsReply:
-        """Read the reply."""
         rows = fields.counts(fields.number("B", "count"), "points", columns=6)
         return cls(rows[:, :3], rows[:, 3:])
 
@@ -215,7 +210,6 @@ class CalibrationReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CalibrationReply:
-        """Read the reply."""
         return cls(fields.reals(9, "soft iron").reshape(3, 3), fields.reals(3, "hard iron"))
 
 
@@ -265,7 +259,6 @@ class CalibrateReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> CalibrateReply:
-        """Read the reply."""
         return cls(
             fit=fields.choice(FitStatus, "fit status"),
             is_sphere=bool(fields.number("B", "flags") & 1),
@@ -339,5 +332,4 @@ class LinkCounters:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> LinkCounters:
-        """Read the reply."""
         return cls(*(fields.number("I", name) for name in ("frames", "damaged", "uart overruns", "repeated")))

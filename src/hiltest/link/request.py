@@ -101,10 +101,10 @@ def decode_reply(request: Request[R], payload: bytes) -> R:
 
 def name_field(name: str) -> bytes:
     """Return a calibrator's name as a string on the wire."""
-    return bytes([within(len(name), 1, 255, "characters")]) + name.encode("ascii")
+    return bytes([check_range(len(name), 1, 255, "characters")]) + name.encode("ascii")
 
 
-def within(value: int, lowest: int, highest: int, unit: str) -> int:
+def check_range(value: int, lowest: int, highest: int, unit: str) -> int:
     """Return a value if it is in range; otherwise raise a `ValueError` with the range."""
     if not lowest <= value <= highest:
         raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")

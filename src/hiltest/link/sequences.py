@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Request, within
+from hiltest.link.request import Request, check_range
 
 #: Names of the sequences, in the order of the protocol.
 SEQUENCES = (
@@ -99,8 +99,8 @@ class TimeSequence(Request[RunCost | None]):
     The cost is that of its first half. The overhead is a run of its second half, which begins and ends like the whole.
     """
 
-    code: ClassVar[int] = 0x26
-    command: ClassVar[str] = "TIME_SEQUENCE"
+    code = 0x26
+    command = "TIME_SEQUENCE"
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
 
     sequence: int
@@ -110,7 +110,7 @@ class TimeSequence(Request[RunCost | None]):
 
     def payload(self) -> bytes:
         """Return sequence and place."""
-        within(self.sequence, 0, len(SEQUENCES) - 1, "sequence")
+        check_range(self.sequence, 0, len(SEQUENCES) - 1, "sequence")
         return struct.pack("<BB", self.sequence, self.place)
 
     def parse(self, fields: FieldReader) -> RunCost | None:

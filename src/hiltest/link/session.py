@@ -110,7 +110,6 @@ class Session:
         nonce_seed: int | None = None,
         reply_deadline_s: float = REPLY_DEADLINE_S,
         attempts: int = ATTEMPTS,
-        wall_guard_s: float = WALL_GUARD_S,
     ) -> None:
         self._port = port
         own_clock: Callable[[], float] | None = getattr(port, "now", None)
@@ -123,7 +122,6 @@ class Session:
         self.protocol_version = 0
         self._reply_deadline_s = reply_deadline_s
         self._attempts_allowed = attempts
-        self._wall_guard_s = wall_guard_s
         self._nonces = random.Random(nonce_seed) if nonce_seed is not None else random.SystemRandom()
         self._decoder = FrameDecoder()
         self._sequence = 0
@@ -140,7 +138,6 @@ class Session:
         return sum(attempt.number == 2 for attempt in self.attempts)
 
     def close(self) -> None:
-        """Close the port."""
         self._port.close()
 
     def synchronise(self) -> None:
@@ -318,7 +315,7 @@ class Session:
             )
 
     def _await(self, message: Request[R], sequence: int, end_s: float, resync: bool) -> bytes | None:
-        guard_s = self._wall_guard_s + _WALL_A_BOARD_SECOND * message.board_time_s
+        guard_s = WALL_GUARD_S + _WALL_A_BOARD_SECOND * message.board_time_s
         wall_end_s = time.monotonic() + guard_s
         while self.now() < end_s:
             for item in self._receive():

@@ -11,7 +11,7 @@ from hiltest.calibration.fit import FitStatus
 from hiltest.errors import ProtocolError
 from hiltest.link.fields import FieldReader
 from hiltest.link.replies import CalibrationReply, RunCost, Status
-from hiltest.link.request import Plain, Request, name_field, within
+from hiltest.link.request import Plain, Request, check_range, name_field
 
 MAX_FEED = 80
 
@@ -73,7 +73,6 @@ class StreamStateReply:
 
     @classmethod
     def parse(cls, fields: FieldReader) -> StreamStateReply:
-        """Read the reply."""
         fit = fields.choice(FitStatus, "fit status")
         flags = fields.number("B", "flags")
         iterations = fields.number("H", "iterations")
@@ -122,8 +121,8 @@ class _StreamSteps(Request[StreamStepsReply]):
     count: int
 
     def payload(self) -> bytes:
-        count = within(self.count, 1, MAX_FEED, "points")
-        return struct.pack("<HB", within(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
+        count = check_range(self.count, 1, MAX_FEED, "points")
+        return struct.pack("<HB", check_range(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
 
     def parse(self, fields: FieldReader) -> StreamStepsReply:
         """Read the reply; raise a `ProtocolError` if it has more points than were sent, or fewer without a reason."""

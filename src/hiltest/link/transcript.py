@@ -17,12 +17,11 @@ import json
 import math
 import zlib
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, MutableSequence
+from collections.abc import Iterator, Mapping, MutableSequence
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import sha256
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from hiltest.errors import ConfigError
@@ -75,11 +74,11 @@ class Transcript:
         Digest of the file that it was read from.
     """
 
-    def __init__(self, clock: str = "", entries: Iterable[TranscriptEntry] = ()) -> None:
+    def __init__(self, clock: str = "") -> None:
         self.clock = clock
         self.recorded: dict[str, Any] | None = None
         self.sha256 = ""
-        self.entries: MutableSequence[TranscriptEntry] = list(entries)
+        self.entries: MutableSequence[TranscriptEntry] = []
 
     def add(self, time_s: float, direction: Direction, data: bytes) -> None:
         """Append an entry."""
@@ -219,9 +218,7 @@ class TranscriptFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _write(self, line: str) -> None:

@@ -94,7 +94,7 @@ class Number:
 def numbers(log: RateLog, reading: AllanReading) -> tuple[Number, ...]:
     """Return the numbers from one curve."""
     (walk, per_walk), (density, per_density), (rate, per_rate), (rate_walk, per_rate_walk) = (
-        _IN_DEGREES if log.in_degrees else _IN_COUNTS
+        _IN_DEGREES if log.is_in_degrees else _IN_COUNTS
     )
     at_most = None if reading.bias_instability else per_rate * reading.bias_instability_at_most
     return (
@@ -139,7 +139,7 @@ def allan_document(log: RateLog, curve: AllanCurve) -> Allan:
     return Allan(
         hiltest=__version__,
         file=str(log.path),
-        unit="dps" if log.in_degrees else "counts",
+        unit="dps" if log.is_in_degrees else "counts",
         samples=len(log.rates),
         rows=log.rows,
         gaps=log.gaps,
@@ -180,7 +180,7 @@ def figure(log: RateLog, curve: AllanCurve, axis: int) -> Figure:
     """Draw the deviations of one column with their intervals and the fitted slopes, on logarithmic axes."""
     read = numbers(log, curve.readings[axis])
     walk, _, instability, rate_walk, lowest = read
-    per_unit = 3600.0 if log.in_degrees else 1.0
+    per_unit = 3600.0 if log.is_in_degrees else 1.0
     tau_s, deviation, low, high = (
         curve.tau_s,
         *(per_unit * bound[:, axis] for bound in (curve.deviation, curve.low, curve.high)),

@@ -33,7 +33,7 @@ class CountScale:
     """Shape (3,). Origin in the unit of the samples; zero unless the readings exceed int16."""
 
     @classmethod
-    def of(cls, samples: Samples) -> Self:
+    def choose(cls, samples: Samples) -> Self:
         """Choose the scale: the firmware's own 0.1 uT, or unchanged raw counts, if that fits."""
         low, high = samples.points.min(axis=0), samples.points.max(axis=0)
         half = float((high - low).max()) / 2.0
@@ -58,7 +58,7 @@ class CountScale:
         """Return readings as int16 counts, shape (n, 3)."""
         return np.rint(self.unrounded(points)).astype(np.int16)
 
-    def in_unit(self, fit: MagnetometerFit) -> MagnetometerFit:
+    def convert_fit(self, fit: MagnetometerFit) -> MagnetometerFit:
         """Return a calibration of counts as one of readings in the unit of the samples."""
         if not fit.has_fit:
             return fit

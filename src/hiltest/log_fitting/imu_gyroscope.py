@@ -12,7 +12,7 @@ from hiltest.calibration.accelerometer import AccelerometerFit
 from hiltest.calibration.acceptance import Acceptance, Bound, Reason, rate_by
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsStatus, fit_turns
 from hiltest.log_fitting.imu_log import ImuLog
-from hiltest.log_fitting.imu_rate import beside_of
+from hiltest.log_fitting.imu_rate import neighbouring_rests
 from hiltest.log_fitting.intervals import Interval, Intervals
 from hiltest.measurement.units import DEGREES_PER_SECOND
 
@@ -198,7 +198,7 @@ def _candidates(
     for motion, (before, after) in zip(intervals.motions, around, strict=True):
         first, last = (_gravity(log, accelerometer, interval) for interval in (before, after))
         if first @ last > np.cos(np.radians(_SAME_GRAVITY_DEG)):
-            beside = beside_of(motion, intervals.rests if intervals.found else rests) if own else ()
+            beside = neighbouring_rests(motion, intervals.rests if intervals.found else rests) if own else ()
             biases = [_rate(log, interval) for interval in beside] or [bias]
             candidates.append(_candidate(log, motion, (biases[0], biases[-1]), first + last))
     return candidates

@@ -247,7 +247,7 @@ class _Table:
         return numbers
 
     def _join(self, read: Reals) -> Reals:
-        rows, joined = at_the_gyroscope_s(read[:, 0], read[:, 1:])
+        rows, joined = join_at_gyroscope(read[:, 0], read[:, 1:])
         time = read[rows, 0]
         if len(time) < 2 or not bool((np.diff(time) > 0.0).all()):
             raise ConfigError(
@@ -291,7 +291,7 @@ def filled_of(cells: Sequence[str], sensors: Sequence[Sequence[int]]) -> list[bo
     return [any(cells[place] for place in places) for places in sensors]
 
 
-def at_the_gyroscope_s(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_], Reals]:
+def join_at_gyroscope(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_], Reals]:
     """Join both sensors at the times of the gyroscope, because a turn needs its every sample.
 
     Parameters

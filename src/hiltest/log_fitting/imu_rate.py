@@ -141,7 +141,7 @@ def fit_rates(
 
 def _rate(log: ImuLog, part: Interval, rests: Sequence[Interval], bias: Reals, rate_dps: float) -> SteadyRate:
     readings = log.rate if log.rate is not None else np.zeros((1, 3))
-    beside = beside_of(part, rests)
+    beside = neighbouring_rests(part, rests)
     biases = np.array([readings[rest.start : rest.end].mean(axis=0) for rest in beside] or [bias])
     samples = readings[part.start : part.end]
     size = min(len(samples), max(2, round(_WINDOW_S / log.period_s)))
@@ -179,7 +179,7 @@ def _rate(log: ImuLog, part: Interval, rests: Sequence[Interval], bias: Reals, r
     )
 
 
-def beside_of(part: Interval, rests: Sequence[Interval]) -> tuple[Interval, ...]:
+def neighbouring_rests(part: Interval, rests: Sequence[Interval]) -> tuple[Interval, ...]:
     """Return the last rest that begins before a part, and the first that ends after it, if they exist."""
     before = [rest for rest in rests if rest.start < part.start and rest.end < part.end]
     behind = [rest for rest in rests if rest.end > part.end and rest.start > part.start]

@@ -13,7 +13,7 @@ from hiltest.log_fitting.span import rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LeftOut:
+class OmittedReadings:
     """Omitted readings of samples."""
 
     samples: Samples
@@ -51,8 +51,8 @@ class LeftOut:
         return tuple(zip(numbers[firsts].tolist(), numbers[lasts].tolist(), strict=True))
 
 
-def left_out(samples: Samples, *, robust: bool = True) -> LeftOut:
+def left_out(samples: Samples, *, robust: bool = True) -> OmittedReadings:
     """Determine the readings to omit from samples; none if not robust."""
     repeated = repeats(samples.points)
     dropped = outliers(samples.points) if robust else np.zeros_like(repeated)
-    return LeftOut(samples, robust, repeated & ~dropped, dropped)
+    return OmittedReadings(samples, robust, repeated & ~dropped, dropped)

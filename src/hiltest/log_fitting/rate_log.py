@@ -62,7 +62,7 @@ class RateLog:
     """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
 
     @property
-    def in_degrees(self) -> bool:
+    def is_in_degrees(self) -> bool:
         """True if the rates are in deg/s."""
         return DEGREES_PER_SECOND[self.unit] is not None
 
@@ -172,7 +172,7 @@ def rest_bias(
     if log.rates.shape[1] != _AXES:
         raise ConfigError(f"{path}: {log.rates.shape[1]} columns of rates; a bias needs three")
     per_unit = DEGREES_PER_SECOND[unit]
-    if log.in_degrees != (per_unit is not None):
+    if log.is_in_degrees != (per_unit is not None):
         raise ConfigError(f"{path} is in {log.unit} and the log in {unit}: both must be in counts, or neither")
     return np.asarray(log.rates.mean(axis=0) / (per_unit or 1.0))
 
@@ -189,7 +189,7 @@ def check_rest(log: RateLog) -> None:
     if motion is None:
         return
     at_s, first_s, last_s = (log.start_s + at / log.rate_hz for at in (motion.start, *motion.rest))
-    unit = "deg/s" if log.in_degrees else "counts"
+    unit = "deg/s" if log.is_in_degrees else "counts"
     raise CalibrationError(
         f"{log.path}: it moved {at_s:.1f} s after the first row: {log.columns[motion.axis]} changed by "
         f"{motion.change:+.3g} {unit} within {motion.samples / log.rate_hz:.3g} s, {motion.times:.0f} times the "

@@ -45,7 +45,7 @@ class Rating:
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
         """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples."""
-        predicted = self._predictions(used).of(fit, unbiased=is_unbiased(name, fit.iterations))
+        predicted = self._predictions(used).predict(fit, unbiased=is_unbiased(name, fit.iterations))
         figures = FitFigures(fit.status, condition=self.condition, n=len(used))
         return self._rate_fit(name, fit, figures, predicted)
 
@@ -81,7 +81,6 @@ class Rating:
         if not fit.has_fit:
             verdict, reasons = rate(figures)
             return CalibratorFit(name, status_words(fit.status), verdict, reasons, n_used, iterations=fit.iterations)
-        radius = float(np.linalg.det(fit.soft_iron)) ** (-1.0 / 3.0)
         corrected = fit.corrected(self._samples.points)
         microtesla = self._samples.microtesla
         whole = figures.shape is None or figures.shape.axes == 3
@@ -90,12 +89,12 @@ class Rating:
             residual_percent=residual_of_corrected_percent(corrected),
             axis_ratio=float(np.linalg.cond(fit.soft_iron)),
             # The radius of a turn is the field's component in its plane, which may have any size.
-            radius_ut=microtesla * radius if whole and microtesla is not None else None,
+            radius_ut=microtesla * fit.radius if whole and microtesla is not None else None,
             direction_error_deg=None if predicted is None else predicted.rms_deg,
             change_percent=None if self._change is None else self._change.percent,
         )
         verdict, reasons = rate(figures)
-        x, y, z = fit.soft_iron * radius
+        x, y, z = fit.soft_iron * fit.radius
         return CalibratorFit(
             name,
             figures.shape or status_words(fit.status),
@@ -104,7 +103,7 @@ class Rating:
             n_used,
             hard_iron=triple(fit.hard_iron),
             soft_iron=(triple(x), triple(y), triple(z)),
-            radius=radius,
+            radius=fit.radius,
             residual_percent=figures.residual_percent,
             coverage=solid_angle_covered(corrected),
             axis_ratio=figures.axis_ratio,

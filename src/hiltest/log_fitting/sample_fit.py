@@ -23,7 +23,7 @@ from hiltest.log_fitting.gravity_fit import against_gravity
 from hiltest.log_fitting.left_out import left_out
 from hiltest.log_fitting.rating import Rating, triple
 from hiltest.log_fitting.samples import Samples
-from hiltest.log_fitting.span import field_change, in_order_of_time
+from hiltest.log_fitting.span import field_change, is_in_order_of_time
 
 if TYPE_CHECKING:
     from hiltest.boards.board import Board
@@ -61,13 +61,13 @@ def fit_on_host(
     of_groups = {BOARD: FIRMWARE - FASTER - FOR_COMPARISON, ALL: REFERENCES.keys() - FASTER}
     names = sorted(of_groups.get(calibrator, {calibrator}))
     log = _Log(samples, robust, field_ut)
-    scale = CountScale.of(log.kept)
+    scale = CountScale.choose(log.kept)
     counts = scale.unrounded(log.kept.points)
     fits = [log.reference(name, scale, counts) for name in names]
     return log.fit(
         "host",
         None,
-        log.with_shape(fits) if any_shape and calibrator in of_groups else fits,
+        log.add_shape(fits) if any_shape and calibrator in of_groups else fits,
         gravity=calibrator in of_groups,
     )
 
@@ -118,17 +118,17 @@ def fit_on_board(
     if not several and calibrator not in calibrators:
         raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(calibrators)}")
     log = _Log(samples, robust, field_ut)
-    rest, scale = log.kept, CountScale.of(log.kept)
+    rest, scale = log.kept, CountScale.choose(log.kept)
     counts = scale.unrounded(rest.points)
     about = fit_direct(counts)
-    centre = scale.in_unit(about).hard_iron if about.has_fit else rest.points.mean(axis=0)
+    centre = scale.convert_fit(about).hard_iron if about.has_fit else rest.points.mean(axis=0)
     used = rest.points[evenly_on_sphere(rest.points, board.identity.max_points, centre)]
     upload_points(board, scale.counts(used))
     fits = []
     several_names = [name for name in calibrators if calibrator == ALL or name not in FOR_COMPARISON]
     for name in several_names if several else [calibrator]:
         fit, cost = calibrate_once(board, name, len(used))
-        result = log.rating.calibrator(name, scale.in_unit(fit), used)
+        result = log.rating.calibrator(name, scale.convert_fit(fit), used)
         whole = REFERENCES[name](counts) if name in REFERENCES else None
         band = board.cycle_range(cost, name)
         fits.append(
@@ -153,7 +153,7 @@ def fit_on_board(
         count_origin=triple(scale.origin),
         rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return log.fit(str(board.kind), firmware, log.with_shape(fits) if any_shape and several else fits, gravity=several)
+    return log.fit(str(board.kind), firmware, log.add_shape(fits) if any_shape and several else fits, gravity=several)
 
 
 class _Log:
@@ -176,13 +176,13 @@ class _Log:
 
     def reference(self, name: str, scale: CountScale, counts: Array) -> CalibratorFit:
         """Fit a reference to the log in counts, and rate it."""
-        return self.rating.calibrator(name, scale.in_unit(reference(name)(counts)), self.kept.points)
+        return self.rating.calibrator(name, scale.convert_fit(reference(name)(counts)), self.kept.points)
 
     def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
         """Fit a shape to the log, and rate it."""
         return self.rating.shape(shape, field, self._gone.dropped_percent)
 
-    def with_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
+    def add_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
         """Add the fit of the allowed shape if all fits are refused and it is not."""
         if best_of(fits).verdict is not Acceptance.REFUSED:
             return fits
@@ -214,7 +214,7 @@ class _Log:
             robust="tukey" if gone.robust else "none",
             n_dropped=int(gone.dropped.sum()),
             dropped=gone.dropped_lines,
-            in_order=in_order_of_time(self.kept),
+            in_order=is_in_order_of_time(self.kept),
             change=self._change,
             condition=self.rating.condition,
             hole=hole,

@@ -145,7 +145,7 @@ def figure_tables(fit: SampleFit) -> list[FigureTable]:
         part = replace(fit, calibrators=norms[first : first + _MOST_COLUMNS])
         rows = [*_kind_rows(part), *_iron_rows(part), *_number_rows(part), *_cycle_rows(part, label)]
         further = ", continued" if first else ""
-        tables.append(FigureTable(f"What each calibrator fits to the samples{further}", part.calibrators, rows))
+        tables.append(FigureTable(f"Results of each calibrator{further}", part.calibrators, rows))
     if fit.gravity is not None and not fit.gravity.unused:
         against = replace(fit, calibrators=tuple(result for result in fit.calibrators if result.gravity), firmware=None)
         caption = "Against gravity"

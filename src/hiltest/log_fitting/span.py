@@ -72,7 +72,7 @@ def rows(samples: Samples, selected: NDArray[np.intp] | NDArray[np.bool_]) -> Sa
     return replace(samples, **of_rows)
 
 
-def in_order_of_time(samples: Samples) -> bool:
+def is_in_order_of_time(samples: Samples) -> bool:
     """Return whether a reading is closer to the next than to any other, as in a log of a sensor that turns."""
     points = samples.points
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)

@@ -37,7 +37,7 @@ from hiltest.measurement.measurement import (
     plain,
     round_significant,
 )
-from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, in_flash, is_beyond, ratio_range
+from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, is_beyond, ratio_range, runs_from_flash
 
 __all__ = [
     "DOUBT",
@@ -67,7 +67,6 @@ __all__ = [
     "check",
     "deviation_of",
     "identify",
-    "in_flash",
     "is_beyond",
     "is_compared",
     "is_direction",
@@ -75,5 +74,6 @@ __all__ = [
     "plain",
     "ratio_range",
     "round_significant",
+    "runs_from_flash",
     "tolerance_of",
 ]

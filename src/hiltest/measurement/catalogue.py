@@ -66,6 +66,7 @@ KINDS: Mapping[str, Kind] = {kind.name: kind for kind in _read_kinds()}
 """Every kind, by name."""
 
 _SUBJECT = "{}"
+_LETTERS_AT_MOST = 2  # by which a misspelt name differs
 # The name of a calibrator, of one of its further calibrations (direct@100), of an axis, a source or a function.
 _SUBJECT_NAME = re.compile(r"[A-Za-z0-9_-]+(?:@[0-9]+)?")
 
@@ -93,8 +94,8 @@ def identify(name: str) -> NamedKind:
     return NamedKind(None)
 
 
-def nearest_name(name: str, at_most: int = 2) -> str | None:
-    """Return the known name within a few letters of `name`, with the subject of `name`."""
+def nearest_name(name: str) -> str | None:
+    """Return the known name within two letters of `name`, with the subject of `name`."""
     if "*" in name:
         name = name.replace("*", "direct")  # the name is a pattern, and each limit belongs to one measurement
     parts = name.split(".")
@@ -104,7 +105,9 @@ def nearest_name(name: str, at_most: int = 2) -> str | None:
         if len(form) == len(parts)
     )
     near = sorted(
-        (distance, candidate) for candidate in candidates if (distance := _edit_distance(name, candidate)) <= at_most
+        (distance, candidate)
+        for candidate in candidates
+        if (distance := _edit_distance(name, candidate)) <= _LETTERS_AT_MOST
     )
     return near[0][1] if near else None
 

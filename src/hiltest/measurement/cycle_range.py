@@ -44,19 +44,19 @@ class CycleRange:
         """Number of cycles of the range that are due to doubt about fetch and alignment."""
         return sum(abs(row.high - row.low) for row in self.rows if row.row in ABOUT_FETCH)
 
-    def explained(self, model: str = "the cycle model", *, of: float | None = None) -> str:
+    def explained(self, *, of: float | None = None) -> str:
         """Return the range in words, with the largest contribution, and the share of `of` that is doubt about fetch."""
         if not of or not self.about_fetch:
-            return self._explain(model)
-        return f"{self._explain(model)}; {100 * self.about_fetch / of:.1f} % of the count is uncertainty of fetch"
+            return self._explain()
+        return f"{self._explain()}; {100 * self.about_fetch / of:.1f} % of the count is uncertainty of fetch"
 
-    def _explain(self, model: str) -> str:
+    def _explain(self) -> str:
         most = self.moved_most_by
         if most is None and self.low == self.high:
-            return f"no uncertain row of {model} enters"
+            return "no uncertain row of the cycle model enters"
         if most is None:
             return f"{self}, by the uncertainty of the memories that it runs from"
-        return f"{self} by uncertain rows of {model}, most by {most.row}: {_range(most.low, most.high)}"
+        return f"{self} by uncertain rows of the cycle model, most by {most.row}: {_range(most.low, most.high)}"
 
 
 def _range(low: int, high: int) -> str:

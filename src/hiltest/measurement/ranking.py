@@ -15,7 +15,7 @@ model is more accurate than that; silicon itself varies by as much from one link
 """
 
 
-def in_flash(cycle_model: str) -> bool:
+def runs_from_flash(cycle_model: str) -> bool:
     """Return whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/2@flash``."""
     return "flash" in cycle_model.partition("@")[2]
 
@@ -88,7 +88,7 @@ def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool
     """Return whether two cycle counts are of code in flash and too close to be ranked."""
     if one is None or other is None or not one.value or not other.value:
         return False
-    flash = in_flash(one.cycle_model) and in_flash(other.cycle_model)
+    flash = runs_from_flash(one.cycle_model) and runs_from_flash(other.cycle_model)
     return flash and not is_beyond(FLASH_TIE, abs(one.value - other.value), one.value, other.value)
 
 

@@ -14,7 +14,7 @@ from hiltest.boards.board import Board
 from hiltest.errors import BenchError
 from hiltest.link.gyroscope import Axis
 from hiltest.orientation.fusion import FusionNoise
-from hiltest.procedures.fusion import FusionResult, follow_motion
+from hiltest.procedures.fusion import FusionResult, finite_rms, follow_motion
 from hiltest.procedures.rest import rest_gyroscope
 from hiltest.procedures.turntables import Turntable
 
@@ -147,10 +147,10 @@ def driven_headings(time_s: Reals, error_deg: Reals, field_ut: Mapping[str, Real
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
     return DrivenHeadings(
         error_deg,
-        _rms(error_deg[quiet]),
-        _rms(error_deg[disturbed]),
+        finite_rms(error_deg[quiet]),
+        finite_rms(error_deg[disturbed]),
         _largest(error_deg[disturbed]),
-        {cause: _rms(error_deg[at]) for cause, at in by_cause.items()},
+        {cause: finite_rms(error_deg[at]) for cause, at in by_cause.items()},
         recovery_s,
         recovered,
         step_s * int(wrong.sum()),
@@ -170,11 +170,6 @@ def _recovery(time_s: Reals, wrong: Flags, disturbed: Flags) -> tuple[float, boo
             longest_s = max(longest_s, float(time_s[last] - time_s[end - 1]))
             recovered &= last + 1 < until
     return longest_s, recovered
-
-
-def _rms(errors_deg: Reals) -> float:
-    answered = errors_deg[np.isfinite(errors_deg)]
-    return math.sqrt(float(np.mean(np.square(answered)))) if len(answered) else math.nan
 
 
 def _largest(errors_deg: Reals) -> float:

@@ -47,7 +47,7 @@ def expected_errors(
     if noise_counts < _LEAST_NOISE_COUNTS:
         return {}
     earth = EarthField(rig.field.strength_ut, rig.field.dip_deg)
-    field, gravity = known_angles.in_body(earth.ned_ut), known_angles.in_body((0.0, 0.0, 1.0))
+    field, gravity = known_angles.rotate_to_body(earth.ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
     # Readings scale with the field's strength; the soft iron, a few per cent, changes their noise as little.
     nominal = MagnetometerFit(
         FitStatus.ELLIPSOID, False, 0, np.eye(3) / (COUNTS_PER_UT * rig.field.strength_ut), np.zeros(3)

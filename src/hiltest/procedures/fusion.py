@@ -56,7 +56,7 @@ class AttitudeErrors:
     @property
     def heading_rms_deg(self) -> float:
         """rms heading error over all records that have an attitude."""
-        return _rms(self.heading_deg)
+        return finite_rms(self.heading_deg)
 
     @property
     def heading_max_deg(self) -> float:
@@ -66,7 +66,7 @@ class AttitudeErrors:
     @property
     def tilt_rms_deg(self) -> float:
         """rms tilt error over all records that have an attitude."""
-        return _rms(self.tilt_deg)
+        return finite_rms(self.tilt_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,5 +214,7 @@ def _error(attitude: Quaternion, truth: Pose) -> tuple[float, float]:
     return heading_error_deg(pose_of(unit).heading_deg, truth.heading_deg), math.degrees(tilt_rad)
 
 
-def _rms(errors: Reals) -> float:
-    return math.sqrt(float(np.nanmean(np.square(errors))))
+def finite_rms(errors: Reals) -> float:
+    """Return the root mean square without NaN; NaN if there is nothing else."""
+    finite = errors[np.isfinite(errors)]
+    return math.sqrt(float(np.mean(np.square(finite)))) if len(finite) else math.nan

@@ -160,7 +160,6 @@ class GrblTurntable:
         return BEFORE_TURN_S + abs(degrees) / reached_dps + ramp_s + _BETWEEN_MOVES_S + _SETTLE_S + AFTER_TURN_S
 
     def close(self) -> None:
-        """Close the port."""
         self._line.close()
 
     def _seconds(self, poses: Sequence[Pose]) -> float:

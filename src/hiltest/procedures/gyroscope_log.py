@@ -42,7 +42,7 @@ class GyroscopeLog:
     rate_hz: float
 
 
-def log_chunks(board: Board, *, samples: int, chunk: int = CHUNK) -> Iterator[LogChunk]:
+def log_chunks(board: Board, *, samples: int) -> Iterator[LogChunk]:
     """Yield the gyroscope's samples, chunk by chunk, up to `samples`.
 
     Raises
@@ -53,7 +53,7 @@ def log_chunks(board: Board, *, samples: int, chunk: int = CHUNK) -> Iterator[Lo
     board.sensor(SensorKind.GYROSCOPE)
     until_s, done = -math.inf, 0
     while done < samples:
-        n = min(chunk, samples - done)
+        n = min(CHUNK, samples - done)
         reply = board.session.request(LogGyroscope(n, go_on=done > 0))
         first_s = reply.span.first_s if done == 0 else until_s + (reply.span.last_s - until_s) / n
         yield LogChunk(

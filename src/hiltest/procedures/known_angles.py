@@ -49,7 +49,7 @@ class KnownAngles:
         """Missing known angles, in words; empty without any. A limit applies to the complete set."""
         return missing_in_words(self.skipped, len(self.poses))
 
-    def in_body(self, vector_ned: Sequence[float]) -> Reals:
+    def rotate_to_body(self, vector_ned: Sequence[float]) -> Reals:
         """Return a vector of the earth frame in the board's axes at each pose, shape (n, 3)."""
         return np.array([rotation_body_from_ned(attitude) @ np.array(vector_ned) for attitude in self.attitudes])
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hiltest import __version__
 from hiltest.boards import Board, open_board
 from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.calibration.fit import MagnetometerFit
@@ -18,7 +19,7 @@ from hiltest.link.replies import AverageReply
 from hiltest.orientation import DegenerateFieldError
 from hiltest.procedures.calibrate import CalibratorRun, run_calibrators
 from hiltest.procedures.known_angles import Reals
-from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.progress import Progress
 from hiltest.procedures.reported_headings import CALIBRATED, FIRMWARE, Belief, belief_of, frame_of
 from hiltest.procedures.requested_headings import headings_deg
 from hiltest.procedures.tumble import Tumble, collect_until
@@ -30,52 +31,66 @@ _OURS = ("direct", "corrected", "iterative")
 _READINGS = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """A calibration, and headings."""
+@dataclass(frozen=True, slots=True)
+class PlayedRow:
+    """Results by firmware or calibrator."""
 
     name: str
-    hard_iron_ut: Reals | None = None
-    """Shape (3,), or None. Body frame; None if there is none."""
-    field_ut: float | None = None
+    hard_iron_ut: tuple[float, ...] | None
+    """Hard iron along x, y and z of the board."""
+    field_ut: float | None
     """Radius of the sphere with the volume of its ellipsoid; or the firmware's own value."""
-    said_error_percent: float | None = None
+    said_error_percent: float | None
     """Fit error that the firmware reports, by its own definition."""
-    residual_percent: float | None = None
+    residual_percent: float | None
     """``100 rms(|corrected| / field - 1)`` over the same points for all."""
-    cycles: int | None = None
-    heading_deg: tuple[float | None, ...] = ()
+    cycles: int | None
+    heading_deg: tuple[float | None, ...]
     """Heading at each moment."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlayedBack:
-    """Results from a recording."""
+@dataclass(frozen=True, slots=True)
+class Played:
+    """Results of firmware from a recording."""
 
-    found: tuple[Found, ...]
+    hiltest: str
+    playing: str
+    """Version, and the recording in words."""
+    points: int
+    """Number of points of the magnetometer."""
+    moments_s: tuple[float, ...]
+    """Times of the headings, relative to the recording's beginning."""
+    remarks: tuple[str, ...]
+    """Further remarks."""
+    found: tuple[PlayedRow, ...]
     """If the rig's firmware does not use hiltest's protocol: ``firmware``, its own headings, and ``calibrated``, its
     calibration on the readings of hiltest's firmware; then hiltest's calibrators."""
-    moments_s: Reals
-    """Shape (n,). Virtual time of the headings."""
-    points: int
-    """Number of points of hiltest's calibrators."""
-    remarks: tuple[str, ...]
-    """Deviations from the recording."""
 
 
 def play_back(
-    rig: Rig, times_s: Reals, moments_s: Reals, *, firmware: Path | None = None, progress: Progress | None = None
-) -> PlayedBack:
+    rig: Rig,
+    playing: str,
+    times_s: Reals,
+    moments_s: Reals,
+    *,
+    begins_s: float,
+    firmware: Path | None,
+    progress: Progress,
+) -> Played:
     """Play a rig's recording to its firmware and to hiltest's, each from power-on.
 
     Parameters
     ----------
     rig
         Rig of a virtual board, with a recording.
+    playing
+        The recording in words.
     times_s : shape (n,)
         Virtual times of the recorded readings of the magnetometer.
     moments_s : shape (n,)
         Virtual times of the headings.
+    begins_s
+        Virtual time of the recording's beginning.
     firmware
         Firmware of the rig's board.
 
@@ -83,26 +98,32 @@ def play_back(
     -----
     hiltest's firmware plays the recording twice: it calibrates in the first pass, and answers headings in the second.
     """
-    tell = progress or silent
     remarks: list[str] = []
-    foreign: tuple[Found, Belief] | None = None
+    foreign: tuple[PlayedRow, Belief] | None = None
     if not rig.answers_requests:
         with open_board(rig, firmware=firmware) as board:
-            foreign = _listen(board, float(times_s[-1]), moments_s, tell)
+            foreign = _listen(board, float(times_s[-1]), moments_s, progress)
             remarks += board.stage.said_of_playback if board.stage else []
         firmware = None
         rig = replace(rig, device=None, cycles={}, board=replace(rig.board, firmware=None))
     with open_board(rig, firmware=firmware) as board:
-        tumble, runs = _calibrate(board, times_s, rig.procedure.tumble_points, tell)
+        tumble, runs = _calibrate(board, times_s, rig.procedure.tumble_points, progress)
         remarks += board.stage.said_of_playback if board.stage else []
     with open_board(rig, firmware=firmware) as board:
-        replies = _ask_headings(board, moments_s, runs, tell)
+        replies = _ask_headings(board, moments_s, runs, progress)
     ours = [_hiltest_result(run, replies) for run in runs.values()]
     theirs = [] if foreign is None else _firmware_results(*foreign, tumble, replies)
-    return PlayedBack((*theirs, *ours), moments_s, len(tumble.points), tuple(dict.fromkeys(remarks)))
+    return Played(
+        hiltest=__version__,
+        playing=playing,
+        points=len(tumble.points),
+        moments_s=tuple((moments_s - begins_s).tolist()),
+        remarks=tuple(dict.fromkeys(remarks)),
+        found=(*theirs, *ours),
+    )
 
 
-def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tuple[Found, Belief]:
+def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tuple[PlayedRow, Belief]:
     """Listen to firmware for the length of a recording, and long enough for its last fit."""
     output = board.output
     frame = frame_of(output.rig)
@@ -117,13 +138,15 @@ def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tup
     belief = belief_of(output.latest, frame)
     calibrated = output.latest.get(Quantity.CALIBRATED)
     if calibrated is not None and not calibrated.any():
-        return Found(f"{FIRMWARE} (not calibrated)", heading_deg=tuple(headings)), Belief()
-    firmware = Found(
+        return PlayedRow(f"{FIRMWARE} (not calibrated)", None, None, None, None, None, tuple(headings)), Belief()
+    firmware = PlayedRow(
         FIRMWARE,
-        belief.hard_iron_ut,
+        None if belief.hard_iron_ut is None else tuple(belief.hard_iron_ut.tolist()),
         belief.field_strength_ut,
         belief.fit_error_percent,
-        heading_deg=tuple(headings),
+        None,
+        None,
+        tuple(headings),
     )
     return firmware, belief
 
@@ -154,15 +177,15 @@ def _ask_headings(
     return replies
 
 
-def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> Found:
+def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> PlayedRow:
     cycles = run.cost.cycles if run.cost else None
     if not run.usable:
-        return Found(f"{run.name} ({run.fit.name.lower()})", cycles=cycles)
+        return PlayedRow(f"{run.name} ({run.fit.name.lower()})", None, None, None, None, cycles, ())
     attitudes = [reply.headings[run.slot].attitude for reply in replies]
-    return Found(
+    return PlayedRow(
         run.name,
-        run.hard_iron / COUNTS_PER_UT,
-        _radius_ut(run.result),
+        tuple((run.hard_iron / COUNTS_PER_UT).tolist()),
+        run.result.radius / COUNTS_PER_UT,
         None,
         run.residual_percent,
         cycles,
@@ -170,7 +193,9 @@ def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> Foun
     )
 
 
-def _firmware_results(firmware: Found, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]) -> list[Found]:
+def _firmware_results(
+    firmware: PlayedRow, belief: Belief, tumble: Tumble, replies: Sequence[AverageReply]
+) -> list[PlayedRow]:
     """Return the firmware's own result, and its last calibration applied to the readings of hiltest's firmware."""
     if belief.fit is None:
         return [firmware]
@@ -179,20 +204,20 @@ def _firmware_results(firmware: Found, belief: Belief, tumble: Tumble, replies: 
     unit = replace(belief.fit, soft_iron=belief.fit.soft_iron / radius)
     return [
         firmware,
-        Found(
+        PlayedRow(
             CALIBRATED,
-            residual_percent=residual_percent(tumble.points, unit),
-            heading_deg=tuple(_heading(reply, unit) for reply in replies),
+            None,
+            None,
+            None,
+            residual_percent(tumble.points, unit),
+            None,
+            tuple(_heading(reply, unit) for reply in replies),
         ),
     ]
 
 
 def _mean_norm(vectors: Reals) -> float:
     return float(np.mean(np.linalg.norm(vectors, axis=1)))
-
-
-def _radius_ut(fit: MagnetometerFit) -> float:
-    return float(np.cbrt(1.0 / abs(np.linalg.det(fit.soft_iron)))) / COUNTS_PER_UT
 
 
 def _heading(reply: AverageReply, fit: MagnetometerFit) -> float | None:

@@ -65,7 +65,7 @@ def _lines(
         yield from ("", "## Seeds that did not pass", "", *_seeds(red))
     missed = [spread for spread in spreads if spread.failed_seeds]
     if missed:
-        yield from ("", "## Limits that were missed", "", *_spreads(missed))
+        yield from ("", "## Failed limits", "", *_spreads(missed))
     yield from folded("Every measurement over the seeds", _spreads(spreads))
     yield from folded("Every seed", _seeds(seeds))
 
@@ -86,4 +86,4 @@ def _spreads(spreads: Sequence[Spread]) -> Iterator[str]:
         ]
         for spread in spreads
     )
-    yield from table(["measurement", "seeds", "smallest", "median", "largest", "unit", "missed on seeds"], rows)
+    yield from table(["measurement", "seeds", "smallest", "median", "largest", "unit", "failed on seeds"], rows)

@@ -10,9 +10,9 @@ from hiltest.verdict.calibrators import STAGES_TABLE
 
 HEADING = "Streaming calibrators"
 LEGEND = (
-    "The points of the tumble, one after the other. Held: points that the calibration uses or would use. Elements: "
-    "unknowns of its solver. Heading errors are computed on the host from the means that the board took at the known "
-    "angles. Cycles per point are means over all points; fit cycles are added once per fit."
+    "Each row is a state after some points of the tumble. Held: points that the calibration uses or would use. "
+    "Elements: unknowns of its solver. The host computes heading errors from the board's means at the known angles. "
+    "Cycles per point are means over all points; fit cycles are added once per fit."
 )
 HEADINGS = (
     "calibrator",

@@ -61,7 +61,7 @@ class CurrentTable:
         """Time of its first change [s]."""
         return _first_change_s(self.waveform)
 
-    def in_world(self) -> Current:
+    def make_disturbance(self) -> Current:
         """Return the disturbance for the world."""
         from hiltest.world.disturbances import Current
 
@@ -112,7 +112,7 @@ class CableTable:
         """Time of its first motion [s]."""
         return _first_change_s(self.places)
 
-    def in_world(self) -> Cable:
+    def make_disturbance(self) -> Cable:
         """Return the disturbance for the world."""
         from hiltest.world.disturbances import Cable
 
@@ -163,7 +163,7 @@ class PassingTable:
         ahead_m = sum(place * speed for place, speed in zip(self.place_m, self.velocity_mps, strict=True)) / speed_mps
         return self.at_s - (ahead_m + 2.0 * self.nearest_m) / speed_mps
 
-    def in_world(self) -> Passing:
+    def make_disturbance(self) -> Passing:
         """Return the disturbance for the world."""
         from hiltest.world.disturbances import Passing
 

@@ -115,7 +115,7 @@ class Faults:
             require(0.0 <= getattr(self, key) <= 1.0, key, "is a probability, 0 to 1")
         require(self.lose + self.double + self.flip <= 1.0, "lose", "plus double plus flip exceed 1")
         require(
-            self.of_line or bool(self.of_board),
+            self.has_line_faults or bool(self.board_faults),
             "seed",
             "has no fault: write one of lose, double, flip, split, "
             "late, stall, disappear, baud, full_output, sensor, held_line and reset beside it, or remove it",
@@ -127,17 +127,17 @@ class Faults:
         )
 
     @property
-    def of_line(self) -> bool:
+    def has_line_faults(self) -> bool:
         """True if the line has any fault."""
         return any(self._line_fault_texts())
 
     @property
-    def of_board(self) -> tuple[SensorFault | HeldLine | BoardReset, ...]:
+    def board_faults(self) -> tuple[SensorFault | HeldLine | BoardReset, ...]:
         """Faults of the board."""
         return tuple(fault for fault in (self.sensor, self.held_line, self.reset) if fault is not None)
 
     @property
-    def of_sensors(self) -> bool:
+    def has_sensor_faults(self) -> bool:
         """True if a sensor or its bus has any fault."""
         return self.sensor is not None or self.held_line is not None
 
@@ -146,7 +146,7 @@ class Faults:
         later = f" after {self.after_s:g} s" if self.after_s else ""
         line = ", ".join(self._line_fault_texts())
         texts = [f"{line}; {_WAYS[self.direction]}{later}, seed {self.seed}"] if line else []
-        return "; ".join((*map(str, self.of_board), *texts))
+        return "; ".join((*map(str, self.board_faults), *texts))
 
     def _line_fault_texts(self) -> Iterator[str]:
         hit = {"lose": "lost", "double": "doubled", "flip": "with a wrong bit", "split": "the last of a piece"}

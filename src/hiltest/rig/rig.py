@@ -121,7 +121,7 @@ class Rig:
             "faces",
             'is missing: procedure.accelerometer_calibration "six-position" needs their accuracy',
         )
-        of_board = self.faults.of_board if self.faults else ()
+        of_board = self.faults.board_faults if self.faults else ()
         require(
             self.world is not None or not of_board,
             "faults",
@@ -305,9 +305,9 @@ def build_world(rig: Rig) -> World:
         temperature=temperature,
         covered=Cap(covered.axis, covered.fraction) if covered else None,
         disturbances=Disturbances(
-            current=world.current.in_world() if world.current else None,
-            passing=world.passing.in_world() if world.passing else None,
-            cable=world.cable.in_world() if world.cable else None,
+            current=world.current.make_disturbance() if world.current else None,
+            passing=world.passing.make_disturbance() if world.passing else None,
+            cable=world.cable.make_disturbance() if world.cable else None,
         )
         if world.disturbances
         else None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from hiltest.measurement import Measurement, Outcome
 from hiltest.run_record.exit_codes import ExitCode
@@ -64,30 +65,13 @@ def tests_named(tests: Sequence[TestResult]) -> str:
     return join_words([short_test_id(test.id) for test in tests], 1)
 
 
-def unfinished_verdict(run: Run, *, going_on: bool) -> Verdict:
-    """Return the verdict of a run without an end: it was cut short, as by SIGKILL, or still goes on.
-
-    Parameters
-    ----------
-    run
-        Contents of its journal; its own verdict does not count.
-
-    Returns
-    -------
-    Verdict
-        A verdict that is never complete. Its exit code is that of an interrupted run.
-    """
-    word = "still running" if going_on else "cut short"
+def describe_unfinished(run: Run) -> Verdict:
+    """Return the verdict of a run without an end, with a sentence."""
+    failures = (limits_in_words(out_of_limit(run.measurements)), tests_in_words(failed_otherwise(run)))
     tests, measurements = format_count(len(run.tests), "test"), format_count(len(run.measurements), "measurement")
     last = f"; the last test was {short_test_id(run.tests[-1].id)}" if run.tests else ""
-    failed = out_of_limit(run.measurements)
-    remarks = (limits_in_words(failed), tests_in_words(failed_otherwise(run)))
-    return Verdict(
-        outcome=word,
-        exit_code=ExitCode.INTERRUPTED,
-        complete=False,
-        sentence=" ".join(filter(None, (f"{word.upper()}: {tests} finished, {measurements} kept{last}.", *remarks))),
-    )
+    finished = f"{run.verdict.outcome.upper()}: {tests} finished, {measurements} kept{last}."
+    return replace(run.verdict, sentence=" ".join(filter(None, (finished, *failures))))
 
 
 def missed_only_limits(run: Run) -> bool:

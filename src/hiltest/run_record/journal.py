@@ -16,13 +16,16 @@ import fcntl
 import os
 import time
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from hiltest.errors import ConfigError
-from hiltest.json_files import json_line, parse_json
+from hiltest.json_files import JsonFile, json_line, parse_json_lines, read_json, require_schema
+from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.files import CAMPAIGN_FILE, COVERAGE_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
+from hiltest.run_record.run import SCHEMA, Verdict
 
 JOURNAL_FILE = "journal.jsonl"
 
@@ -30,6 +33,16 @@ JOURNAL_FILE = "journal.jsonl"
 _TRIES = 5
 _BETWEEN_TRIES_S = 0.05
 _OTHERWISE = "wait for it, or name another folder with --out"
+
+
+STILL_RUNNING, CUT_SHORT = (
+    asdict(Verdict(outcome, ExitCode.INTERRUPTED, "", complete=False)) for outcome in ("still running", "cut short")
+)
+"""Verdicts of runs without an end: never complete, and without a sentence."""
+
+
+class NothingRecordedError(ConfigError):
+    """A journal that was removed again, or that has no first line yet."""
 
 
 class Journal:
@@ -68,14 +81,12 @@ class Journal:
 
         The result is empty without such a run, or if a line is damaged.
         """
+        try:
+            entries = parse_json_lines(self._before)
+        except ValueError:
+            return {}, []
         runs: list[list[dict[str, Any]]] = []
-        for line in self._before.splitlines():
-            try:
-                entry = parse_json(line)
-            except ValueError:
-                return {}, []
-            if not isinstance(entry, dict):
-                return {}, []
+        for entry in entries:
             if entry.get("kind") == "start":
                 runs.append([])
             if runs and entry.get("kind") in ("start", kind):
@@ -154,6 +165,69 @@ def is_going_on(path: Path) -> bool:
     return False
 
 
+def read_journal(path: Path, *, otherwise: str) -> JsonFile:
+    """Read the last run of a journal as the ``run.json`` that it would have; the types of its fields are not checked.
+
+    A run without an end has the verdict `STILL_RUNNING` or `CUT_SHORT`.
+
+    Parameters
+    ----------
+    otherwise
+        Remedy if it is refused.
+
+    Raises
+    ------
+    NothingRecordedError
+        If no run has begun.
+    ConfigError
+        If it cannot be read, is of another schema, or a line is not an entry of a journal; the message has its number.
+    """
+    try:
+        # The order matters: a run that is cut short between the two steps still counts as going on, and a finished one
+        # does not count as cut short.
+        going_on = is_going_on(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; {otherwise}") from error
+    file = read_json(path, otherwise=otherwise, in_lines=True)
+    entries: list[dict[str, Any]] = file.content
+    starts = [index for index, entry in enumerate(entries) if entry.get("kind") == "start"]
+    if not starts:
+        raise NothingRecordedError(f"{path}: it has no line; {otherwise}")
+    start = {key: value for key, value in entries[starts[-1]].items() if key not in ("kind", "process")}
+    require_schema(path, start.get("schema"), SCHEMA, otherwise=otherwise)
+    content: dict[str, Any] = {
+        "schema": None,
+        "board": None,
+        "rig": None,
+        "seed": None,
+        "calibration": None,
+        **start,
+        "finished_utc": start.get("started_utc"),
+        "verdict": STILL_RUNNING if going_on else CUT_SHORT,
+    }
+    tests: list[Any] = []
+    other_attempts: list[Any] = []
+    measurements: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
+    for number, entry in enumerate(entries[starts[-1] + 1 :], starts[-1] + 2):
+        try:
+            if entry["kind"] in ("rig", "board", "calibration", "end"):
+                content |= {key: value for key, value in entry.items() if key != "kind"}
+            elif entry["kind"] == "test":
+                tests += [entry["test"]] if entry["test"] is not None else []
+                measurements |= {measurement["name"]: measurement for measurement in entry["measurements"]}
+                tables |= {table["name"]: table for table in entry["tables"]}
+                other_attempts += entry.get("other_attempts", [])
+                content["finished_utc"] = entry["utc"]
+        except (LookupError, TypeError) as error:
+            fault = f"line {number} is not an entry of a journal: {error}"
+            raise ConfigError(f"{path}: {fault}; {otherwise}") from error
+    content |= {"tests": tests, "other_attempts": other_attempts}
+    for kind, by_name in {"measurements": measurements, "tables": tables}.items():
+        content[kind] = [by_name[name] for name in sorted(by_name, key=str)]
+    return replace(file, content=content, text=json_line(content).encode())
+
+
 def _open_locked(path: Path) -> FileIO:
     for attempt in range(_TRIES):
         if attempt:
@@ -177,8 +251,7 @@ def _open_locked(path: Path) -> FileIO:
 def _holder(path: Path) -> str:
     """Return the process that holds a journal, according to its first line."""
     try:
-        starts = [line for line in path.read_bytes().split(b"\n")[:-1] if line.startswith(b'{"kind": "start"')]
-        start = parse_json(starts[-1])
+        start = [entry for entry in parse_json_lines(path.read_bytes()) if entry["kind"] == "start"][-1]
         return f"process {start['process']} on {start['environment']['host']}, since {start['started_utc']}"
     except (OSError, ValueError, LookupError, TypeError):
         return "another run that has just begun"

@@ -6,11 +6,13 @@ Every report is rendered from a `Run` and from nothing else.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Literal
 
+from hiltest.json_files import shown
 from hiltest.measurement import (
     WORST_OF,
     Better,
@@ -105,6 +107,9 @@ class RigRecord:
     cost_reference: str = ""
     faults: str = ""
 
+    def __post_init__(self) -> None:
+        make_tolerances(self.tolerances)
+
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRecord:
@@ -169,6 +174,13 @@ class Table:
     name: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
+
+    def __post_init__(self) -> None:
+        for number, row in enumerate(self.rows, 1):
+            if len(row) != len(self.columns):
+                cells = f"{len(row)} cells in {len(self.columns)} columns"
+                raise ValueError(f"table {shown(self.name)}, row {number}: {cells}")
+        refuse_twice(f"column of table {shown(self.name)}:", [column.name for column in self.columns])
 
     def column(self, name: str) -> tuple[Cell, ...]:
         """Return one column.
@@ -239,6 +251,11 @@ class Run:
     coverage: CoverageRecord | None = None
     """Coverage of the firmware, if it was requested."""
 
+    def __post_init__(self) -> None:
+        refuse_twice("measurement", [measurement.name for measurement in self.measurements])
+        refuse_twice("table", [table.name for table in self.tables])
+        make_tolerances(self.tolerances)
+
     def measurement(self, name: str) -> Measurement | None:
         """Return the measurement of this name; None if it was not made."""
         return next((measurement for measurement in self.measurements if measurement.name == name), None)
@@ -246,6 +263,11 @@ class Run:
     def table(self, name: str) -> Table | None:
         """Return the table of this name; None without one."""
         return next((table for table in self.tables if table.name == name), None)
+
+    def add_derived_fields(self) -> Run:
+        """Return the run with the fields that follow from the others: notes, volatile places, tolerances in force."""
+        run = replace(self, measurements=mark_worst(self.measurements, self.other_attempts))
+        return replace(run, volatile=volatile_places(run), tolerances=tolerances_in_force(run))
 
 
 @dataclass(slots=True)
@@ -279,7 +301,6 @@ class Findings:
 
     def finish(self, verdict: Verdict, finished_utc: str) -> Run:
         """Return the record, with measurements and tables sorted by name, and with volatile places."""
-        others = tuple(other_attempt.rounded() for other_attempt in self.other_attempts)
         run = Run(
             schema=SCHEMA,
             verdict=verdict,
@@ -293,29 +314,56 @@ class Findings:
             started_utc=self.started_utc,
             finished_utc=finished_utc,
             tests=tuple(self.tests),
-            measurements=mark_worst(
-                [self.measurements[name].rounded() for name in sorted(self.measurements)],
-                others,
-            ),
+            measurements=tuple(self.measurements[name].rounded() for name in sorted(self.measurements)),
             tables=tuple(self.tables[name].rounded() for name in sorted(self.tables)),
             comparison=self.comparison,
-            other_attempts=others,
+            other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts),
             chosen=self.chosen,
             revision=self.revision,
             coverage=self.coverage,
         )
-        return replace(run, volatile=volatile_places(run), tolerances=tolerances_in_force(run))
+        return run.add_derived_fields()
 
 
 def tolerances_in_force(run: Run) -> dict[str, tuple[float, float]]:
     """Return the tolerances of all compared measurements: the rig's, or else those of their kind."""
-    of_rig = {name: Tolerance(*values) for name, values in (run.rig.tolerances if run.rig else {}).items()}
+    of_rig = make_tolerances(run.rig.tolerances if run.rig else {})
     tolerances = {
         measurement.name: tolerance_of(measurement.name, of_rig)
         for measurement in run.measurements
         if is_compared(measurement.name) and not measurement.volatile
     }
     return {name: (float(tolerance.absolute), float(tolerance.relative)) for name, tolerance in tolerances.items()}
+
+
+def make_tolerances(content: Mapping[str, tuple[float, float]]) -> dict[str, Tolerance]:
+    """Return tolerances of a record by measurement.
+
+    Raises
+    ------
+    ValueError
+        If a number is no tolerance; the message has the name.
+    """
+    tolerances = {}
+    for name, values in content.items():
+        try:
+            tolerances[name] = Tolerance(*values)
+        except ValueError as error:
+            raise ValueError(f"tolerances.{name}: {error}") from error
+    return tolerances
+
+
+def refuse_twice(kind: str, names: Iterable[object]) -> None:
+    """Refuse names, or other keys, that are not unique.
+
+    Raises
+    ------
+    ValueError
+        If one appears twice; the message has its kind and the first of them.
+    """
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise ValueError(f"{kind} {shown(name)} appears twice")
 
 
 def utc_now() -> str:

@@ -18,7 +18,7 @@ import pytest
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.session.gate import SessionGate
 from hiltest.session.record_folder import RecordFolder, folder_beside_complete, folder_remark
-from hiltest.session.results import FOUND, GATING, Found, properties_of
+from hiltest.session.results import FOUND, GATING, TestFindings, properties_of
 from hiltest.session.selection import (
     Choice,
     id_in_record,
@@ -328,7 +328,7 @@ class HilSession:
         return self._board
 
     @cached_property
-    def by_hand(self) -> ByHand | None:
+    def hand_journal(self) -> ByHand | None:
         """The operator's steps, kept for the continuation of the run; None without an operator or a journal."""
         if self.is_worker or not self._answering_board() or self.rig.turntable.kind != "operator":
             return None
@@ -494,7 +494,7 @@ class HilSession:
         owner = self.measured_by.setdefault(measurement.name, test)
         if owner != test:
             raise ValueError(f"{measurement.name} was already measured by {owner}; names are unique in a run")
-        item.stash.setdefault(FOUND, Found()).measurements.append(measurement)
+        item.stash.setdefault(FOUND, TestFindings()).measurements.append(measurement)
         if measurement.gates:
             item.stash.setdefault(GATING, []).append(measurement)
         item.user_properties.extend(properties_of(measurement))
@@ -564,7 +564,7 @@ class HilSession:
         return [
             f"{board.description}; {board.firmware_line}",
             f"rig {self._rig_line()}; cycles by {board.cycle_model} at {board.core_clock_hz / 1e6:g} MHz",
-            *([self.by_hand.remark] if self.by_hand and self.by_hand.remark else []),
+            *([self.hand_journal.remark] if self.hand_journal and self.hand_journal.remark else []),
             *base,
         ]
 

@@ -12,7 +12,7 @@ import pytest
 import hiltest
 from hiltest.session.bench_session import SESSION, HilSession
 from hiltest.session.operator_prompt import ask
-from hiltest.session.results import FOUND, Found
+from hiltest.session.results import FOUND, TestFindings
 from hiltest.session.selection import place_in_record
 from hiltest.session.settings import Settings
 
@@ -145,7 +145,7 @@ class Measure:
         if any(len(row) != len(columns) for row in cells):
             raise ValueError(f"table {name!r}: every row needs {len(columns)} cells, one per column")
         table = Table(name, tuple(Column(*column) for column in columns.items()), cells)
-        self._item.stash.setdefault(FOUND, Found()).tables.append(table)
+        self._item.stash.setdefault(FOUND, TestFindings()).tables.append(table)
 
 
 @pytest.fixture(scope="session")

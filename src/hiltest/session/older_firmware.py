@@ -109,9 +109,9 @@ def last_words(output: str) -> str:
     return words[-1] if words else "no output"
 
 
-def base_of_environment(environment: Mapping[str, str] = os.environ) -> str | None:
+def base_of_environment() -> str | None:
     """Return the base that the environment names; None without one."""
-    return environment.get(_VARIABLE) or None
+    return os.environ.get(_VARIABLE) or None
 
 
 def _environment(environment: Mapping[str, str]) -> dict[str, str]:

@@ -80,12 +80,11 @@ def folder_beside_complete(out: Path, tests: Collection[str] | None = None) -> P
     from hiltest.run_record.reader import read_record
 
     try:
-        stored = read_record(out)
+        run = read_record(out).run
     except ConfigError:
         return out
-    run = stored.run
     same_tests = tests is not None and not {test.id for test in run.tests}.isdisjoint(tests)
-    is_complete = stored.ended and run.verdict.complete and not run.chosen
+    is_complete = run.verdict.complete and not run.chosen
     return out / CHOSEN_FOLDER if is_complete and not same_tests else out
 
 

@@ -32,7 +32,7 @@ from hiltest.session.results import (
     FOUND_HERE,
     OUT_OF_LIMIT,
     WIRE_TRACE,
-    Found,
+    TestFindings,
     TestLog,
     out_of_limit_in_words,
 )
@@ -96,7 +96,7 @@ class Recording:
             # Reports of pytest-xdist on a test whose worker crashed; no other report follows.
             self.pytest_runtest_logfinish(report.nodeid)
 
-    def record(self, findings: Found) -> None:
+    def record(self, findings: TestFindings) -> None:
         """Record the measurements of a test, or of a worker at its end."""
         self._recorder.add(findings.measurements, findings.tables)
 

@@ -36,7 +36,7 @@ BENCH = "hil_bench"
 """Bench of a worker: presence of a rig, the board that answered, and its seed."""
 
 
-class Found:
+class TestFindings:
     """Measurements and tables of one test since its last report."""
 
     __slots__ = ("measurements", "tables")
@@ -46,8 +46,8 @@ class Found:
         self.tables = list(tables)
 
 
-FOUND: pytest.StashKey[Found] = pytest.StashKey()
-FOUND_AT_ITS_END: pytest.StashKey[Found] = pytest.StashKey()
+FOUND: pytest.StashKey[TestFindings] = pytest.StashKey()
+FOUND_AT_ITS_END: pytest.StashKey[TestFindings] = pytest.StashKey()
 """Findings that the report of a tear-down already contains."""
 GATING: pytest.StashKey[list[Measurement]] = pytest.StashKey()
 FAILED_LIMITS: pytest.StashKey[list[str]] = pytest.StashKey()
@@ -61,10 +61,10 @@ def carry_over(item: pytest.Item) -> None:
     """
     before = item.stash.get(FOUND_AT_ITS_END, None)
     if before is not None:
-        item.stash.setdefault(FOUND, Found()).measurements.extend(before.measurements)
+        item.stash.setdefault(FOUND, TestFindings()).measurements.extend(before.measurements)
 
 
-def pack(findings: Found) -> dict[str, Any]:
+def pack(findings: TestFindings) -> dict[str, Any]:
     """Return findings as plain data that can leave the process, without enums and numpy's numbers."""
     return {
         "measurements": [plain_data(measurement.rounded()) for measurement in findings.measurements],
@@ -72,13 +72,13 @@ def pack(findings: Found) -> dict[str, Any]:
     }
 
 
-def unpack(content: Mapping[str, Any]) -> Found:
+def unpack(content: Mapping[str, Any]) -> TestFindings:
     """Return the findings from the result of `pack`."""
     from hiltest.measurement import Measurement
     from hiltest.run_record.run import Table
     from hiltest.run_record.run_json import part_from
 
-    return Found(
+    return TestFindings(
         [part_from(Measurement, part) for part in content["measurements"]],
         [part_from(Table, part) for part in content["tables"]],
     )

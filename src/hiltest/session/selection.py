@@ -28,7 +28,7 @@ class Choice:
 
     Attributes
     ----------
-    left_out : LeftOut
+    left_out : OmittedTests
         Omitted tests of the full set.
     deselected : bool
         True if tests of hiltest in the set were deselected.
@@ -39,7 +39,7 @@ class Choice:
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config
-        self.left_out = LeftOut()
+        self.left_out = OmittedTests()
         self.deselected = False
         self.only_benchmarks = False
 
@@ -71,7 +71,7 @@ class Choice:
 MARKER = "full"
 
 
-class LeftOut(NamedTuple):
+class OmittedTests(NamedTuple):
     """Tests of the full set, which this session omits."""
 
     tests: tuple[str, ...] = ()
@@ -98,7 +98,7 @@ class LeftOut(NamedTuple):
             raise pytest.UsageError(f"no test to run in the {self.describe()[0]}")
 
 
-def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: Sequence[pytest.Item]) -> LeftOut:
+def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: Sequence[pytest.Item]) -> OmittedTests:
     """Deselect the tests of the full set.
 
     Parameters
@@ -110,11 +110,11 @@ def leave_out_full(config: pytest.Config, items: list[pytest.Item], candidates: 
 
     Returns
     -------
-    LeftOut
+    OmittedTests
         Tests that were deselected.
     """
     full = [item for item in candidates if item.get_closest_marker(MARKER) is not None]
-    left_out = LeftOut(tuple(item.nodeid for item in full), f"{setting('suite').flag_in(config)} full")
+    left_out = OmittedTests(tuple(item.nodeid for item in full), f"{setting('suite').flag_in(config)} full")
     if full:
         config.hook.pytest_deselected(items=full)
         items[:] = [item for item in items if item not in full]

@@ -278,7 +278,7 @@ def _join_options(values: Mapping[str, object]) -> str:
     return " ".join(f"--{name} {quote(str(value))}" for name, value in values.items() if value is not None)
 
 
-def check_environment(environment: Mapping[str, str] = os.environ) -> None:
+def check_environment() -> None:
     """Refuse an unknown variable with the prefix of hiltest.
 
     Raises
@@ -289,7 +289,7 @@ def check_environment(environment: Mapping[str, str] = os.environ) -> None:
     from hiltest.errors import UnknownKeyError
 
     variables = [option.variable for option in OPTIONS]
-    for name in sorted(environment):
+    for name in sorted(os.environ):
         if name.startswith(_PREFIX) and name not in variables:
             raise UnknownKeyError(name, where="the environment", known=variables)
 
@@ -304,7 +304,7 @@ def add_options(parser: pytest.Parser) -> None:
         parser.addini(option.ini, type="string", default=None, help=f"same as {option.flag}")
 
 
-def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) -> Settings:
+def resolve(config: pytest.Config) -> Settings:
     """Resolve every setting.
 
     Raises
@@ -315,18 +315,18 @@ def resolve(config: pytest.Config, environment: Mapping[str, str] = os.environ) 
     values: dict[str, Any] = {}
     sources: dict[str, str] = {}
     for option in OPTIONS:
-        values[option.name], sources[option.name] = _resolve_one(option, config, environment)
+        values[option.name], sources[option.name] = _resolve_one(option, config)
     for name in ("out", "coverage", "record", "replay"):
         if values[name] is not None:
             values[name] = config.invocation_params.dir / values[name]
     return Settings(**values, sources=sources)
 
 
-def _resolve_one(option: Option, config: pytest.Config, environment: Mapping[str, str]) -> tuple[Any, str]:
+def _resolve_one(option: Option, config: pytest.Config) -> tuple[Any, str]:
     value = config.getoption(option.flag)
     if value is not None:
         return option.parse(value), option.flag_in(config)
-    for text, source in ((environment.get(option.variable), option.variable), (config.getini(option.ini), option.ini)):
+    for text, source in ((os.environ.get(option.variable), option.variable), (config.getini(option.ini), option.ini)):
         if text:
             try:
                 return option.parse(str(text)), source

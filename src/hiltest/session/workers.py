@@ -15,8 +15,8 @@ import pytest
 
 from hiltest.session.bench_session import HilSession
 from hiltest.session.record_folder import RecordFolder
-from hiltest.session.results import BENCH, Found, pack, plain_data, unpack
-from hiltest.session.selection import GROUP, LeftOut, uses_board, uses_hiltest
+from hiltest.session.results import BENCH, TestFindings, pack, plain_data, unpack
+from hiltest.session.selection import GROUP, OmittedTests, uses_board, uses_hiltest
 
 if TYPE_CHECKING:
     from hiltest.session.recording import Recording
@@ -39,7 +39,7 @@ class Worker:
         self._board: dict[str, Any] | None = None
         # The session sends this dictionary at its end.
         self._output: dict[str, Any] = {
-            "found": pack(Found()),
+            "found": pack(TestFindings()),
             "left_out": ([], ""),
             "deselected": False,
             "usage_error": "",
@@ -103,7 +103,7 @@ class Worker:
 
     def pytest_sessionfinish(self) -> None:
         """Close the board, and send the coverage and the measurements of the whole session."""
-        self._output["found"] = pack(Found(self._hil.end()))
+        self._output["found"] = pack(TestFindings(self._hil.end()))
         if self._hil.coverage is not None:
             from hiltest.virtual.coverage.lcov import to_lcov
 
@@ -256,7 +256,7 @@ class Controller:
         if output["usage_error"]:
             raise pytest.UsageError(output["usage_error"])
         tests, how = output["left_out"]
-        self._hil.choice.left_out = LeftOut(tuple(tests), how)
+        self._hil.choice.left_out = OmittedTests(tuple(tests), how)
         self._hil.choice.deselected = output["deselected"]
         if output["coverage"]:
             from hiltest.virtual.coverage.lcov import from_lcov

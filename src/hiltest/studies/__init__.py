@@ -1,4 +1,4 @@
-"""Repetitions of the papers' experiments: printed figures that can be reproduced, and others that cannot."""
+"""Studies, which repeat experiments of papers and compare the results with the printed figures."""
 
 NAMES = ("budget", "choose", "compensation", "constraints", "dpi", "ellipsoids", "estimators", "float32", "imu")
-"""Names of all studies; each is the constant STUDY of a module of that name in this package."""
+"""Names of all studies; the module of the same name has the study as its constant STUDY."""

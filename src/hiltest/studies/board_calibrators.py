@@ -1,4 +1,4 @@
-"""The calibrators of the packaged firmware, in its float32 and with its cycles, without a boot of the firmware."""
+"""The calibrators of the packaged firmware, called on a virtual board without booting: float32 results and cycles."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _ENTRY = struct.Struct("<II")  # calibrator_entry_t: name and function
 _LONGEST_NAME = 64
 _LARGEST = np.iinfo(np.int16)
 MOST_POINTS = 10_000
-"""Largest number of points of one call: they take 60 of the 110 kB of RAM that the firmware leaves."""
+"""Largest number of points of one call: 60 kB of the 110 kB of RAM that the firmware does not use."""
 
 
 class BoardCalibrators:
-    """The table of calibrators of an ELF, called on a virtual board without booting.
+    """The calibrators in the table of an ELF.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class BoardCalibrators:
     Attributes
     ----------
     names : tuple of str
-        Names in the firmware's identity; empty for an ELF without such a table.
+        Names of the calibrators; empty for an ELF without such a table.
     cycle_model : str
         Cycle model of the counts.
     """
@@ -62,12 +62,12 @@ class BoardCalibrators:
             text = bytes(memory.read(name, _LONGEST_NAME)).partition(b"\0")[0].decode("ascii")
             symbol = image.function_at(function & ~1)
             if symbol is None:
-                raise ConfigError(f"{image.name}: calibrator {text} is no function of it")
+                raise ConfigError(f"{image.name}: the calibrator {text} is not a function of this file")
             entries.append((text, symbol.name))
         return entries
 
     def calibrate(self, name: str, counts: Array, *, anchor: Array | None = None) -> tuple[MagnetometerFit, int]:
-        """Calibrate, and count the cycles.
+        """Run a calibrator, and count its cycles.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class BoardCalibrators:
         -------
         fit : MagnetometerFit
         cycles : int
-            Cycles as the firmware reports them: without those of an empty call.
+            Cycles as the firmware reports them, excluding those of an empty call.
 
         Raises
         ------
@@ -115,5 +115,5 @@ def _fit(values: tuple[Any, ...]) -> MagnetometerFit:
 
 @cache
 def board_calibrators() -> BoardCalibrators:
-    """Return the calibrators of the packaged firmware; loading it takes a while, once per process."""
+    """Return the calibrators of the packaged firmware, which is loaded once per process."""
     return BoardCalibrators()

@@ -1,4 +1,4 @@
-"""`budget`: the error of every calibrator on the board against the available clock cycles, on the same points."""
+"""`budget`: error of each calibrator on the board against the available clock cycles, for the same points."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 NAMES = tuple(sorted(FIRMWARE))
-# The thesis' noise, the iron of an ordinary board, and the number of points in its figure.
+# Noise and number of points of the thesis, and soft and hard iron of an ordinary board.
 _FIELD_UT, _NOISE_UT, _HARD_IRON_UT, _STRETCH, _POINTS = 50.0, 0.3, 50.0, 0.2, 30
 #: Clock cycles.
 BUDGETS = tuple(np.rint(np.geomspace(2_000, 400_000, 24)).astype(int).tolist())
 _DIRECTIONS = sphere_directions(200)
-# Numbers of a curve: the error at each budget, that of all effort, its cycles, and those after which little changes.
+# Numbers of a curve: the error at each budget, the final error, its cycles, and the cycles that suffice for it.
 _NUMBERS = len(BUDGETS) + 3
 _NONE = -1.0
-# An error counts as the final one if it exceeds that by no more than this factor.
-_LITTLE = 1.05
+# Cycles suffice if their error is at most this factor of the final error.
+_SUFFICIENT = 1.05
 # Cycles according to the thesis, and its factor between its own calibrator and the others.
 _THESIS_PER_POINT, _THESIS_FIXED, _TIMES = 168, 2600, 10.0
 
@@ -43,7 +43,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     with open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml")) as board:
         if plan.points > board.identity.max_points:
             most = board.identity.max_points
-            raise ConfigError(f"the board keeps {most} points, not {plan.points}: give fewer --points")
+            raise ConfigError(f"the board stores {most} points, not {plan.points}: reduce --points")
         for instance in range(block.first, block.first + block.count):
             random = np.random.Generator(np.random.Philox(key=[plan.seed, instance]))
             axes = Rotation.random(rng=random).as_matrix()
@@ -64,7 +64,7 @@ def _curve(board: Board, name: str, points: int, readings: Array) -> list[float 
     if not efforts:
         return [*[_NONE] * (_NUMBERS - 2), 0, 0]
     enough = len(errors)
-    while enough > 1 and errors[enough - 2] <= _LITTLE * errors[-1]:
+    while enough > 1 and errors[enough - 2] <= _SUFFICIENT * errors[-1]:
         enough -= 1
     return [
         *(_error_within(efforts, errors, budget) for budget in BUDGETS),
@@ -81,7 +81,7 @@ def _error_within(efforts: Sequence[Effort], errors: Sequence[float], budget: in
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Compute means, and judge how many times slower other calibrators are."""
+    """Compute means, and judge the ratios of the calibrators' cycles."""
     numbers = np.concatenate([np.reshape(block, (-1, len(NAMES), _NUMBERS)) for block in by_condition[0]])
     means, lowest = numbers.mean(axis=0), numbers.min(axis=0)
     rows = tuple(
@@ -92,9 +92,10 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     columns = (Column("calibrator"), Column("cycles", "cycle"), Column("mean error", "deg"))
     errors, cycles, enough = (dict(zip(NAMES, means[:, k].tolist(), strict=True)) for k in (-3, -2, -1))
     sentence = (
-        f"From {plan.points} points direct errs {errors['direct']:.2f} deg for {cycles['direct']:.0f} cycles; to "
-        f"within 5 % of their best {', '.join(f'{name} takes {enough[name]:.0f}' for name in _OTHERS)}, in the mean of "
-        f"{len(numbers)} instances."
+        f"From {plan.points} points, direct has an error of {errors['direct']:.2f} deg after {cycles['direct']:.0f} "
+        "cycles; to within 5 % of the final error "
+        f"{', '.join(f'{name} takes {enough[name]:.0f}' for name in _OTHERS)}, "
+        f"in the mean of {len(numbers)} instances."
     )
     return Conclusion(
         sentence,
@@ -129,9 +130,9 @@ def _measurements(errors: dict[str, float], cycles: dict[str, float]) -> list[Me
 def _printed_figures(plan: Plan, cycles: dict[str, float], enough: dict[str, float]) -> list[PrintedFigure]:
     ours, theirs = cycles["direct"], _THESIS_PER_POINT * plan.points + _THESIS_FIXED
     why = {
-        "iterative": "all ten elements at once, solved once; the thesis counts 2860 cycles for a point",
-        "gradient-descent": "over moments, which cost it nothing more for more points; its curvatures are most of it",
-        "gauss-newton": "a step takes some 420 cycles a point, and from the sphere one or two are nearly all the way",
+        "iterative": "it solves for all ten elements at once, and only once; the thesis counts 2860 cycles per point",
+        "gradient-descent": "its steps use moments, whose cost does not depend on the points; most of it is curvatures",
+        "gauss-newton": "a step takes about 420 cycles per point, and one or two steps from the sphere nearly suffice",
     }
     return [
         PrintedFigure(
@@ -140,38 +141,36 @@ def _printed_figures(plan: Plan, cycles: dict[str, float], enough: dict[str, flo
             f"{theirs}",
             f"{ours:.0f}",
             bool(abs(ours - theirs) < 0.1 * theirs),
-            "34 sums are kept in registers, in two passes, where the thesis has 54; the matrix is solved in assembly",
+            "two passes keep 34 sums in registers, the thesis has 54 sums; the matrix is solved in assembly",
         ),
         *(
             PrintedFigure(
-                f"how many times faster than {called}",
+                f"speed ratio to {method}",
                 "Mucciaccia, 4.4 and Figure 22",
                 f"more than {_TIMES:g}",
-                f"{enough[name] / ours:.1f} to within 5 % of its best error, {cycles[name] / ours:.1f} to its end",
+                f"{enough[name] / ours:.1f} to within 5 % of its final error, {cycles[name] / ours:.1f} to its end",
                 enough[name] > _TIMES * ours,
                 why[name],
             )
-            for name, called in _OTHERS.items()
+            for name, method in _OTHERS.items()
         ),
     ]
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw mean error against cycles, on logarithmic axes."""
-    table = run.table("study.budget")
-    assert table is not None
     lines: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
     for name, cycles, error in table.rows:
         if error is not None:
             lines[str(name)].append((float(cycles or 0) / 1000.0, float(error)))
-    every = [error for line in lines.values() for _, error in line]
+    all_errors = [error for line in lines.values() for _, error in line]
     figure = Figure(
-        title="Mean error over the cycles that there are",
+        title="Mean error over available cycles",
         description=run.verdict.sentence,
         x_label="thousand cycles",
         y_label="rms over the sphere [deg]",
         x_range=(BUDGETS[0] / 1100.0, BUDGETS[-1] / 900.0),
-        y_range=(min(every) / 1.3, max(every) * 1.3),
+        y_range=(min(all_errors) / 1.3, max(all_errors) * 1.3),
         width=560.0,
         height=360.0,
         log_x=True,
@@ -185,7 +184,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="budget",
-    question="What does each calibrator on the board make of the same points in the clock cycles that there are?",
+    question="How large is the error of each calibrator on the board for the same points and a budget of clock cycles?",
     conditions=1,
     instances=100,
     points=_POINTS,

@@ -1,4 +1,4 @@
-"""`choose`: the calibrator of the board for given noise, number of points, coverage and budget of cycles."""
+"""`choose`: best calibrator of the board for an engineer's noise, number of points, coverage and budget of cycles."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class Candidate:
     at_most_deg: float
     """95th percentile of that error, and the ends of its confidence interval [deg]."""
     ellipsoids_percent: float
-    """Instances with an ellipsoid [%]; the others have a sphere."""
+    """Instances with an ellipsoid as the result [%]; the others have a sphere."""
     cycles: int
     most_cycles: int
     """Median over instances, and maximum."""
 
     def __str__(self) -> str:
-        """Return name and numbers."""
+        """Return name, errors and cycles."""
         at_most = f", at most {format_number(self.most_cycles)}" if self.most_cycles > self.cycles else ""
         return (
             f"{self.name} ({hundredths(self.median_deg)} deg in the median, {hundredths(self.high_deg)} or less in "
@@ -51,7 +51,7 @@ class Candidate:
 
 def measure(plan: Plan, block: Block) -> Numbers:
     """Return direction error [deg], whether the fit is an ellipsoid, and cycles, for each instance and calibrator."""
-    conditions, board = plan.given or Conditions(), board_calibrators()
+    conditions, board = plan.conditions or Conditions(), board_calibrators()
     model = Model(
         plan.seed,
         plan.points,
@@ -71,14 +71,14 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Select the recommended calibrator and the runner-up."""
-    conditions, board = plan.given or Conditions(), board_calibrators()
+    conditions, board = plan.conditions or Conditions(), board_calibrators()
     numbers = np.concatenate([np.reshape(block, (-1, len(board.names), _NUMBERS)) for block in by_condition[0]])
     candidates = [_candidate(name, numbers[:, index]) for index, name in enumerate(board.names)]
     affordable = [
         candidate for candidate in candidates if conditions.cycles is None or candidate.most_cycles <= conditions.cycles
     ]
-    best = chosen(affordable)
-    second = chosen([candidate for candidate in affordable if candidate is not best])
+    best = choose_calibrator(affordable)
+    second = choose_calibrator([candidate for candidate in affordable if candidate is not best])
     too_dear = [candidate for candidate in candidates if candidate not in affordable]
     marks = dict.fromkeys((candidate.name for candidate in too_dear), TOO_DEAR)
     for choice, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
@@ -117,7 +117,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
 def _candidate(name: str, numbers: Array) -> Candidate:
     errors_deg, ellipsoids, cycles = numbers.T
     high, low_end, high_end = quantile_and_interval(errors_deg, _HIGH)
-    # Too few instances leave an end unknown: the extreme of all instances replaces it.
+    # With too few instances an end is unknown, and the extreme of all instances replaces it.
     at_least = float(errors_deg.min()) if low_end is None else low_end
     at_most = float(errors_deg.max()) if high_end is None else high_end
     return Candidate(
@@ -132,12 +132,12 @@ def _candidate(name: str, numbers: Array) -> Candidate:
     )
 
 
-def chosen(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Return the cheapest calibrator whose error is indistinguishable from the best.
+def choose_calibrator(candidates: Sequence[Candidate]) -> Candidate | None:
+    """Return the cheapest calibrator whose error is indistinguishable from the best; None without candidates.
 
     Notes
     -----
-    Its 95th percentile lies within the interval of the smallest one. The result is None without candidates.
+    Its 95th percentile is at most the upper end of the interval of the smallest 95th percentile.
     """
     if not candidates:
         return None
@@ -158,10 +158,10 @@ def _conditions(plan: Plan, conditions: Conditions) -> str:
 
 def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence[Candidate]) -> str:
     if best is None:
-        return f"none; the cheapest is {min(too_dear, key=lambda candidate: candidate.most_cycles)}"
-    more = chosen([candidate for candidate in too_dear if candidate.high_deg < best.at_least_deg])
-    return f"take {best}; {f'next is {second}' if second else 'no other is within the budget'}" + (
-        f"; for more cycles {more}" if more else ""
+        return f"no calibrator; the cheapest is {min(too_dear, key=lambda candidate: candidate.most_cycles)}"
+    more = choose_calibrator([candidate for candidate in too_dear if candidate.high_deg < best.at_least_deg])
+    return f"use {best}; {f'next is {second}' if second else 'no other one is within the budget'}" + (
+        f"; with more cycles {more}" if more else ""
     )
 
 
@@ -178,10 +178,8 @@ def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Mea
     ]
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw error against cycles, each calibrator's median and 95th percentile."""
-    table = run.table("study.choose")
-    assert table is not None
     entries = [
         (str(row[0]), float(row[6] or 0.0), float(row[1] or 0.0), float(row[2] or 0.0), str(row[8]))
         for row in table.rows
@@ -210,7 +208,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="choose",
-    question="Which calibrator of the board for my noise, my number of points, my coverage and my cycles?",
+    question="Which calibrator of the board is best for my noise, number of points, coverage and cycles?",
     conditions=1,
     instances=400,
     points=100,

@@ -1,4 +1,4 @@
-"""`compensation`: the share of offset and sensitivity error that the direct fit removes, as noise grows."""
+"""`compensation`: share of the offset and sensitivity errors that the direct fit removes, against noise."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 NOISE_UT = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 OFFSET_PRINTED = (100.0, 94.36, 91.52, 88.75, 85.00, 81.10)
 SENSITIVITY_PRINTED = (100.0, 93.21, 92.29, 90.70, 88.65, 86.26)
-# Percentage points. The mean of 10 000 scatters by a tenth of it; open details of the thesis' model matter more.
+# Percentage points. The mean of 10 000 instances scatters by a tenth of this; unknown details of the thesis' model have
+# a larger effect.
 _AGREES = 2.0
 _WHY = {
-    "offset": "the thesis says neither how many points there are nor how large the offsets; those move the figure",
-    "sensitivity": "with the model that gives Table 2 noise takes most of it, and the table is nearly level: its "
-    "definition or its model must be another",
+    "offset": "the figure depends on the number of points and the size of the offsets, which the thesis does not state",
+    "sensitivity": "with the model of Table 2, noise prevents most of the compensation, but this table is nearly "
+    "constant: its definition or its model must be another",
 }
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return the number of ellipsoids in a block, and over these the sums of the compensated shares [%]."""
+    """Return the number of ellipsoids in a block, and the sums of their compensated shares [%]."""
     drawn = draw_instances(
         Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition), block.first, block.count
     )
@@ -37,7 +38,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def compensated(drawn: Instances, fitted: QuadricBatch, field_ut: float = 50.0) -> Array:
-    """Return the share of the errors that is removed for each instance whose quadric is an ellipsoid.
+    """Return the removed share of the errors, for each instance whose quadric is an ellipsoid.
 
     Returns
     -------
@@ -46,19 +47,19 @@ def compensated(drawn: Instances, fitted: QuadricBatch, field_ut: float = 50.0) 
 
     Notes
     -----
-    Offset: ``1 - |left| / |e|``, where ``left``, the distance of the fitted centre from e, is taken in the sensor's
-    field, and again after the calibration, as ``R C left``. Sensitivity: 1 minus a quotient, the largest minus the
-    smallest radius of the true ellipsoid after over before; radii after are R times the singular values of ``R C E``.
+    Offset: ``1 - |d| / |e|``, where ``d`` is the distance of the fitted centre from e, before the calibration, or
+    after it as ``R C d``. Sensitivity: ``1 - after / before``, where both are the largest minus the smallest radius of
+    the true ellipsoid; radii after the calibration are R times the singular values of ``R C E``.
     """
     good = fitted.is_ellipsoid
     eigenvalues, vectors = np.linalg.eigh(fitted.shape[good])
     radii_ut = np.sqrt(fitted.level[good][:, None] / eigenvalues)
     calibration = field_ut * (vectors / radii_ut[:, None, :]) @ np.swapaxes(vectors, -1, -2)
     hard_iron_ut = drawn.hard_iron_ut[good]
-    left_ut = fitted.centre[good] - hard_iron_ut
+    error_ut = fitted.centre[good] - hard_iron_ut
     distance_ut = np.linalg.norm(hard_iron_ut, axis=-1)
-    offset = 1.0 - np.linalg.norm(left_ut, axis=-1) / distance_ut
-    calibrated = 1.0 - np.linalg.norm((calibration @ left_ut[..., None])[..., 0], axis=-1) / distance_ut
+    offset = 1.0 - np.linalg.norm(error_ut, axis=-1) / distance_ut
+    calibrated = 1.0 - np.linalg.norm((calibration @ error_ut[..., None])[..., 0], axis=-1) / distance_ut
     after = np.linalg.svd(calibration @ drawn.soft_iron[good], compute_uv=False)
     before = np.linalg.eigvalsh(drawn.soft_iron[good])
     sensitivity = 1.0 - np.ptp(after, axis=-1) / np.ptp(before, axis=-1)
@@ -106,8 +107,8 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
         for quantity in _WHY
     }
     sentence = (
-        f"At {plan.points} points {agree['offset']} of {len(NOISE_UT)} figures of Table 2 (offset) come out within "
-        f"{_AGREES:g} percentage points, and {agree['sensitivity']} of {len(NOISE_UT)} of Table 3 (sensitivity)."
+        f"With {plan.points} points, {agree['offset']} of {len(NOISE_UT)} figures of Table 2 (offset) are reproduced "
+        f"within {_AGREES:g} percentage points, and {agree['sensitivity']} of {len(NOISE_UT)} of Table 3 (sensitivity)."
     )
     return Conclusion(sentence, tuple(_measurements(plan, agree)), table, printed)
 
@@ -136,10 +137,8 @@ def _printed_figure(
     )
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw both tables, printed and measured."""
-    table = run.table("study.compensation")
-    assert table is not None
     columns = {column.name: [float(cell or 0) for cell in table.column(column.name)] for column in table.columns}
     figure = Figure(
         title="Error compensated",
@@ -164,7 +163,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="compensation",
-    question="How much of offset and of sensitivity error does the direct fit take out, as noise grows?",
+    question="How much of the offset and sensitivity errors does the direct fit remove, as noise grows?",
     conditions=len(NOISE_UT),
     instances=10_000,
     points=100,

@@ -1,4 +1,4 @@
-"""`constraints`: improvement of fits constrained to ellipsoids by a step towards the unconstrained fit."""
+"""`constraints`: improvement of fits that are constrained to ellipsoids, by a step towards the unconstrained fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
-# Surfaces that the points of a condition lie on, except for noise; on the first only a cap, so that noise decides.
+# Surfaces of the points in each condition, before noise. Points of the ellipsoid cover only a cap, so that noise can
+# make the best quadric another surface.
 SURFACES = (
     "ellipsoid",
     "one-sheet hyperboloid",
@@ -30,10 +31,10 @@ SURFACES = (
 METHODS = {"gradient-descent": fit_gradient_descent, "li": fit_li}
 _NOISE = (0.2, 0.05, 0.05, 0.05, 0.05)
 _CAP = 0.15  # of the sphere
-# For 30 points on the rarest surface a fifth of the optima are no ellipsoids, for 100 a thirtieth.
+# For the rarest surface, a fifth of the optima with 30 points are not ellipsoids, and a thirtieth with 100 points.
 _ATTEMPTS = 2000
-# Figures of a method: whether it has an ellipsoid, the place where the line leaves the ellipsoids, whether the fit
-# half-way to there is an ellipsoid, whether it is better, and its error over that of the constrained one.
+# Figures of a method: whether its fit is an ellipsoid, the parameter at which the line leaves the ellipsoids, whether
+# the quadric half-way to there is an ellipsoid, whether it is better, and the ratio of its error to that of the fit.
 _FIGURES = 5
 _NUMBERS = 1 + _FIGURES * len(METHODS)
 
@@ -52,18 +53,18 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def _draw(random: np.random.Generator, surface: int, count: int) -> Clouds:
-    """Draw points until the best quadric of unit trace is no ellipsoid."""
+    """Draw points until the best quadric of unit trace is not an ellipsoid."""
     for _ in range(_ATTEMPTS):
-        clouds = Clouds.of(_points(random, surface, count))
+        clouds = Clouds.centre(_points(random, surface, count))
         if not np.linalg.eigvalsh(shape_of(unconstrained(clouds)))[0] > 0.0:
             return clouds
     raise HiltestError(
-        f"{count} points near an {SURFACES[surface]} were fitted by an ellipsoid {_ATTEMPTS} times: take fewer points"
+        f"the best quadric of {count} points was an ellipsoid {_ATTEMPTS} times ({SURFACES[surface]}): use fewer points"
     )
 
 
 def _points(random: np.random.Generator, surface: int, count: int) -> Array:
-    """Draw points of a surface with noise; its axes are random in direction and length."""
+    """Draw points of a surface with noise; the surface's axes have random directions and lengths."""
     u, turn = random.uniform(-1.0, 1.0, count), random.uniform(0.0, 2.0 * np.pi, count)
     sign = random.choice([-1.0, 1.0], count)
     height = 1.0 - _CAP * (1.0 + u)
@@ -89,7 +90,7 @@ def unconstrained(clouds: Clouds) -> Array:
 
 
 def coefficients(solution: Solution) -> Array:
-    """Return the coefficients of unit trace, shape (10,), of the ellipsoid that becomes the unit sphere."""
+    """Return the coefficients of unit trace, shape (10,), of the ellipsoid that a solution maps to the sphere."""
     shape = solution.soft_iron @ solution.soft_iron
     linear = -2.0 * shape @ solution.centre
     constant = solution.centre @ shape @ solution.centre - 1.0
@@ -120,7 +121,7 @@ def leaves_at(best: Array, constrained: Array) -> float:
     Notes
     -----
     The criterion is the smallest eigenvalue of the shape, which is concave along the line and has one zero. The
-    determinant (Mucciaccia, 4.2.1) is positive at both ends if the best shape has two negative eigenvalues.
+    determinant (Mucciaccia, 4.2.1) fails if the best shape has two negative eigenvalues: it is positive at both ends.
     """
 
     def smallest(t: float) -> float:
@@ -179,7 +180,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             "the positive definite shapes are an open convex set, and along the line the error falls strictly",
         ),
         PrintedFigure(
-            "clouds where bisecting on the determinant finds the border",
+            "clouds in which bisection of the determinant finds the border",
             "Mucciaccia, 4.2.1",
             "all",
             f"{total - both_positive} of {total}",
@@ -196,15 +197,13 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     return Conclusion(sentence, measurements, Table("study.constraints", columns, tuple(rows)), printed)
 
 
-def draw(run: Run) -> Figure:
-    """Draw the remaining error after one step along the line, for each surface."""
-    table = run.table("study.constraints")
-    assert table is not None
+def draw(run: Run, table: Table) -> Figure:
+    """Draw the error after one step along the line, for each surface."""
     figure = Figure(
         title="Error after one step along the line",
         description=run.verdict.sentence,
         x_label=", ".join(f"{number} {surface}" for number, surface in enumerate(SURFACES, 1)),
-        y_label="of the constrained fit's, median",
+        y_label="ratio to the constrained fit, median",
         x_range=(0.5, len(SURFACES) + 0.5),
         y_range=(0.0, 1.05),
         x_ticks=tuple(float(number) for number in range(1, len(SURFACES) + 1)),
@@ -224,7 +223,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="constraints",
-    question="Does a fit that is kept to ellipsoids leave a better ellipsoid on the way to the unconstrained one?",
+    question="Is there a better ellipsoid on the line from a constrained fit to the unconstrained one?",
     conditions=len(SURFACES),
     instances=60,
     points=30,

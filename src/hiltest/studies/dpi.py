@@ -1,4 +1,4 @@
-"""`dpi`: improvement of norm fits, which leave a rotation, by gravity, in heading, pitch and roll."""
+"""`dpi`: improvement of heading, pitch and roll by gravity, which determines the rotation that norm fits leave."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
-# Dip of the field at the paper's place, in the south of Brazil.
+# Dip of the field at the location of the paper, in the south of Brazil.
 _DIP_DEG = -35.0
 _SAMPLES = 1000
-# Readings of a field of strength 1, and of gravity; fits use counts.
+# Counts for a field of strength 1, and for gravity.
 COUNTS = 1000.0
 _NOISE = 1e-3
 METHODS = ("uncalibrated", "ellipsoids", "dpi")
 ANGLES = ("heading", "pitch", "roll")
-# Numbers of an instance: the largest errors, the remaining rotation, and that of the accelerometer.
+# Numbers of an instance: the largest errors, the remaining rotation of the magnetometer, and that of the accelerometer.
 _NUMBERS = len(METHODS) * len(ANGLES) + 2
 
 
@@ -45,7 +45,7 @@ class Sensor:
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return the largest errors of each instance, by method [deg], and two rotations [deg]."""
+    """Return the largest errors of each instance by method, and two rotations [deg]."""
     numbers: list[float] = []
     for instance in range(block.first, block.first + block.count):
         numbers += _errors_deg(np.random.Generator(np.random.Philox(key=[plan.seed, instance])))
@@ -72,12 +72,12 @@ def _errors_deg(random: np.random.Generator) -> list[float]:
     ):
         off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
         errors += np.abs(off_deg).max(axis=0).tolist()
-    left_deg = rotation_left_deg(dpi_fit, magnetometer.response)
-    return [*errors, left_deg, rotation_left_deg(gravity_fit, accelerometer.response)]
+    remaining_deg = rotation_left_deg(dpi_fit, magnetometer.response)
+    return [*errors, remaining_deg, rotation_left_deg(gravity_fit, accelerometer.response)]
 
 
 def draw_sensor(random: np.random.Generator, turned_deg: float, stretched: float, offset: float) -> Sensor:
-    """Draw a sensor: axes turned about z, y and x, and symmetric soft iron, each uniform within the bounds."""
+    """Draw a sensor: rotations about z, y and x, symmetric soft iron and offset, each uniform within its bound."""
     axes = Rotation.random(rng=random).as_matrix()
     stretch = (axes * random.uniform(1.0 - stretched, 1.0 + stretched, 3)) @ axes.T
     turned = Rotation.from_euler("ZYX", random.uniform(-turned_deg, turned_deg, 3), degrees=True).as_matrix()
@@ -85,7 +85,7 @@ def draw_sensor(random: np.random.Generator, turned_deg: float, stretched: float
 
 
 def judged_attitudes() -> Rotation:
-    """Return headings all round, level and tilted by 20 degrees to each side: body to earth."""
+    """Return rotations from body to earth: headings all round, level and tilted by 20 degrees to each side."""
     tilts = ((0.0, 0.0), (20.0, 0.0), (-20.0, 0.0), (0.0, 20.0), (0.0, -20.0))
     return Rotation.from_euler(
         "ZYX", [(heading, *tilt) for tilt in tilts for heading in range(0, 360, 15)], degrees=True
@@ -143,24 +143,22 @@ def _remaining_rotation(instances: Array) -> PrintedFigure:
         "that of the accelerometer's axes",
         f"{np.median(remaining):.3f} deg, {np.median(own):.3f} of the accelerometer, {apart:.3f} apart in the median",
         bool(apart < 10.0 * noise_deg),
-        f"an ellipsoid does not show how the accelerometer is turned, and the magnetometer is turned with it; noise "
-        f"alone makes {noise_deg:.3f} deg of each axis",
+        f"an ellipsoid fit does not determine the rotation of the accelerometer, and dpi turns the magnetometer to it; "
+        f"noise alone contributes {noise_deg:.3f} deg per axis",
     )
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw the medians, and the 95th percentiles above them."""
-    table = run.table("study.dpi")
-    assert table is not None
     values = [[float(cell or 0) for cell in row[1:]] for row in table.rows]
-    every = [value for row in values for value in row]
+    all_values = [value for row in values for value in row]
     figure = Figure(
         title="Largest errors: heading, pitch, roll",
         description=run.verdict.sentence,
         x_label="1 heading, 2 pitch, 3 roll",
         y_label="largest error [deg]",
         x_range=(0.5, 3.5),
-        y_range=(0.7 * min(every), 1.4 * max(every)),
+        y_range=(0.7 * min(all_values), 1.4 * max(all_values)),
         x_ticks=(1.0, 2.0, 3.0),
         width=560.0,
         height=360.0,
@@ -178,7 +176,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="dpi",
-    question="Fits of norms leave a rotation between the sensors: what of it is left once gravity is taken in?",
+    question="Norm fits leave a rotation between the sensors: how much of it remains if gravity is used, too?",
     conditions=1,
     instances=400,
     points=0,

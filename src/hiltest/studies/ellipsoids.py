@@ -1,4 +1,4 @@
-"""`ellipsoids`: frequency of least-squares quadrics that are no ellipsoids."""
+"""`ellipsoids`: frequency of least-squares quadrics that are not ellipsoids, against noise."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from hiltest.text import number
 
 NOISE_UT = tuple(2.5 * step for step in range(1, 21))
 _MILLION = 1_000_000
-_POINTS_UNKNOWN = "the thesis does not say how many points an instance has"
+_POINTS_UNKNOWN = "the thesis does not state the number of points of an instance"
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Count the quadrics of a block that are no ellipsoids, in C if a compiler is available."""
+    """Count the quadrics of a block that are not ellipsoids, in C if a compiler is available."""
     model = Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition)
     in_c, _ = kernel()
     count = non_ellipsoids if in_c is None else in_c.non_ellipsoids
@@ -43,7 +43,7 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
         ),
         tuple(_row(noise_ut, count, plan.instances) for noise_ut, count in zip(NOISE_UT, counts, strict=True)),
     )
-    summary = f"{number(total)} of {number(instances)} quadrics are no ellipsoids at {number(plan.points)} points"
+    summary = f"{number(total)} of {number(instances)} quadrics are not ellipsoids at {number(plan.points)} points"
     return Conclusion(
         f"{summary}.",
         tuple(_measurements(plan, total, instances)),
@@ -70,12 +70,14 @@ def interval(count: int, instances: int) -> tuple[float, float]:
 
 def _judge_always(plan: Plan, total: int, instances: int) -> PrintedFigure:
     if total:
-        why = f"{_POINTS_UNKNOWN}; at {plan.points} it is not always an ellipsoid, and with more it is rarer"
+        why = (
+            f"{_POINTS_UNKNOWN}; with {plan.points} the quadric is not always an ellipsoid, with more it more often is"
+        )
     else:
         at_most = _MILLION * interval(0, instances)[1]
-        why = f"{_POINTS_UNKNOWN}; at {plan.points} the 95 % interval of the share ends at {at_most:.3g} in a million"
+        why = f"{_POINTS_UNKNOWN}; with {plan.points} the 95 % interval of the share ends at {at_most:.3g} in a million"
     return PrintedFigure(
-        "quadrics that are no ellipsoids, of 20 noise levels with 1 000 000 instances each",
+        "quadrics that are not ellipsoids, for 20 noise levels with 1 000 000 instances each",
         "Mucciaccia, 4.2.2",
         "0",
         f"{number(total)} of {number(instances)}",
@@ -89,25 +91,23 @@ def _judge_nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
         (100.0 - 100.0 * count / plan.instances, noise_ut) for count, noise_ut in zip(counts, NOISE_UT, strict=True)
     )
     reproduced = share > 99.9
-    why = f"the fewest, at {noise_ut:g} uT, are {'more' if reproduced else 'not more'}; {_POINTS_UNKNOWN}"
+    why = f"the smallest share, at {noise_ut:g} uT, is {'larger' if reproduced else 'not larger'}; {_POINTS_UNKNOWN}"
     return PrintedFigure(
         "share of adequate results", "Mucciaccia, 5.1", "more than 99.9 %", f"{share:.4f} %", reproduced, why
     )
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw the share of non-ellipsoids against noise."""
-    table = run.table("study.ellipsoids")
-    assert table is not None
     noise, share, low, high = (
         [float(cell or 0) for cell in table.column(name)] for name in ("noise", "per million", "at least", "at most")
     )
     share, low, high = ([100.0 * value / _MILLION for value in column] for column in (share, low, high))
     figure = Figure(
-        title="Quadrics that are no ellipsoids",
+        title="Quadrics that are not ellipsoids",
         description=run.verdict.sentence,
         x_label="noise [uT]",
-        y_label="of instances [%]",
+        y_label="share of instances [%]",
         x_range=(0.0, noise[-1] + noise[0]),
         y_range=(0.0, 1.05 * max(high)),
         width=560.0,
@@ -125,7 +125,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="ellipsoids",
-    question="The direct fit has no constraint: how often is its quadric no ellipsoid, as noise grows?",
+    question="How often is the quadric of the unconstrained direct fit not an ellipsoid, as noise grows?",
     conditions=len(NOISE_UT),
     instances=_MILLION,
     points=100,

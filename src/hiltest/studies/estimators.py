@@ -1,4 +1,4 @@
-"""`estimators`: direction errors of each calibrator, as noise, points, coverage and soft iron change."""
+"""`estimators`: direction error of each calibrator against noise, number of points, coverage and soft iron."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 
 UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
 NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))
-# Lines that a reader can distinguish.
+# A selection of lines that a reader can distinguish.
 _DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
 _MEDIAN, _HIGH = 0.5, 0.95
 _CONFIDENCE = 0.95
@@ -37,7 +37,7 @@ class Condition:
     stretch: float = 0.5
 
 
-# Noise with few and many points; then variations of only the number of points, the coverage and the soft iron.
+# Noise levels with few and many points; then variations of the number of points, the coverage or the soft iron.
 CONDITIONS = (
     *(Condition(noise_ut, points) for points in (100, 1000) for noise_ut in (0.3, 1.0, 2.5, 5.0)),
     Condition(1.0, 30),
@@ -112,8 +112,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     best = min(medians, key=medians.__getitem__)
     judged = CONDITIONS[JUDGED]
     sentence = (
-        f"With {judged.noise_ut:g} uT of noise and {judged.points} points {best} errs least, {medians[best]:.2f} deg "
-        f"in the median of {plan.instances} instances; direct {medians['direct']:.2f}, "
+        f"With {judged.noise_ut:g} uT of noise and {judged.points} points, {best} has the smallest error, "
+        f"{medians[best]:.2f} deg in the median of {plan.instances} instances; direct has {medians['direct']:.2f}, "
         f"corrected {medians['corrected']:.2f}."
     )
     table = Table("study.estimators", columns, tuple(rows))
@@ -122,7 +122,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
 
 
 def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | None, float | None]:
-    """Return a quantile and its confidence interval; an end that too few errors leave open is None."""
+    """Return a quantile and its confidence interval; an end is None if there are too few errors to determine it."""
     interval = quantile_test(errors, p=share).confidence_interval(_CONFIDENCE)
     ends = (float(interval.low), float(interval.high))
     low, high = (end if np.isfinite(end) else None for end in ends)
@@ -148,8 +148,8 @@ def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
             "better",
             f"direct {direct:.2f} deg, least squares of the Euclidean distance {geometric:.2f} deg",
             direct < geometric,
-            "noise that is added after the distortion is as large along every axis, and least squares of the Euclidean "
-            "distance is then the maximum likelihood; it would be so for noise before the distortion",
+            "noise that is added after the distortion is equal on all axes, so least squares of the Euclidean distance "
+            "is the maximum likelihood estimate; the statement would hold for noise before the distortion",
         ),
         PrintedFigure(
             "any algorithm on the algebraic distance has the same result",
@@ -157,32 +157,30 @@ def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
             "the same",
             f"direct {direct:.2f} deg, " + ", ".join(f"{name} {error:.2f}" for name, error in others.items()),
             all(abs(error - direct) < 0.01 * direct for error in others.values()),
-            "only with the same normalisation: direct holds the trace, iterative the norm of the coefficients, li "
-            "4 J - I^2 and taubin the mean square of the slope at 1, and each has another minimum",
+            "only with the same normalisation: direct fixes the trace, iterative the norm of the coefficients, li "
+            "4 J - I^2 and taubin the mean square of the gradient, and each has another minimum",
         ),
     ]
 
 
-def draw(run: Run) -> Figure:
-    """Draw the median against noise, for many points."""
-    table = run.table("study.estimators")
-    assert table is not None
+def draw(run: Run, table: Table) -> Figure:
+    """Draw the median error against noise, for many points."""
     judged = CONDITIONS[JUDGED]
     lines: dict[str, list[tuple[float, float]]] = {name: [] for name in _DRAWN}
     for row in table.rows:
-        name, noise, points, occluded, stretch, median = row[:6]
-        same = (points, occluded, stretch) == (judged.points, 100.0 * judged.occluded, judged.stretch)
-        if same and str(name) in lines:
+        name, noise, count, occluded, stretch, median = row[:6]
+        is_judged = (count, occluded, stretch) == (judged.points, 100.0 * judged.occluded, judged.stretch)
+        if is_judged and str(name) in lines:
             lines[str(name)].append((float(noise or 0), float(median or 0)))
-    every = [point for line in lines.values() for point in line]
+    points = [point for line in lines.values() for point in line]
     figure = Figure(
         title=f"Direction error, {judged.points} points",
         description=run.verdict.sentence,
         x_label="noise [uT]",
         y_label="median of the rms over the sphere [deg]",
-        x_range=(min(x for x, _ in every) / 1.1, max(x for x, _ in every) * 1.1),
-        y_range=(min(y for _, y in every) / 1.2, max(y for _, y in every) * 1.2),
-        x_ticks=sorted({x for x, _ in every}),
+        x_range=(min(x for x, _ in points) / 1.1, max(x for x, _ in points) * 1.1),
+        y_range=(min(y for _, y in points) / 1.2, max(y for _, y in points) * 1.2),
+        x_ticks=sorted({x for x, _ in points}),
         width=560.0,
         height=360.0,
         log_x=True,
@@ -196,7 +194,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="estimators",
-    question="How far do directions err after each calibrator, as noise, points, coverage and soft iron change?",
+    question="How large are direction errors after each calibrator, as noise, points, coverage and soft iron change?",
     conditions=len(CONDITIONS),
     instances=200,
     points=0,

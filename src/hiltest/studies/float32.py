@@ -1,4 +1,4 @@
-"""`float32`: stability of the board's calibrators in single precision as hard iron grows."""
+"""`float32`: stability of the board's calibrators in single precision against hard iron."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 from hiltest.text import hundredths
 
-#: Hard iron over the field; a sensor of 1000 uT saturates beyond the last.
+#: Ratios of hard iron to the field; at larger ratios a sensor with a range of 1000 uT saturates.
 RATIOS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)
 JUDGED = RATIOS.index(10.0)
-#: The closed form with sums about the sensor's zero, as in the thesis and Two-Step; no board has it.
+#: The closed form with sums about the sensor's zero, as in the thesis and Two-Step; the firmware does not have it.
 ABOUT_ZERO = "direct-about-zero"
 _NOISE_UT = 0.3
 _HIGH = 0.95
-# Fraction of the noise's error. Squares add up, so this adds a tenth, as a tenth more noise would; no data sheet states
-# noise more accurately.
+# Ratio to the error due to noise. Squares add up, so the total error grows by a tenth, as with a tenth more noise; data
+# sheets do not state noise more accurately.
 _STABLE = 0.46
-_UNIT_COUNTS = 512.0  # near the field's length; a power of two causes no rounding
+_UNIT_COUNTS = 512.0  # near the field's norm; scaling by a power of two causes no rounding
 _NUMBERS = 4
 
 
 def names() -> tuple[str, ...]:
-    """Return the calibrators of the board, and the one for comparison."""
+    """Return the names of the board's calibrators and of the one for comparison."""
     return (*board_calibrators().names, ABOUT_ZERO)
 
 
@@ -65,12 +65,13 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def about_zero(counts: Array) -> MagnetometerFit:
-    """Fit the quadric of unit trace by sums about the sensor's zero, sums and solution in float32.
+    """Fit the quadric of unit trace by sums about the sensor's zero, with sums and solution in float32.
 
     Notes
     -----
-    The sums add point after point, and the elimination has no pivoting, as in C. Single operations, which IEEE 754
-    rounds uniquely, replace BLAS, so that every host has the same result. The calibration is computed in float64.
+    As in C, points are added one after the other, and the elimination has no pivoting. Elementary operations, which
+    IEEE 754 rounds uniquely, replace BLAS, so that the result is the same on every host. The calibration is computed in
+    float64.
     """
     points = counts / _UNIT_COUNTS
     rows = np.column_stack([quadric_rows(points), -squared_lengths(points)]).astype(np.float32)
@@ -126,16 +127,14 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("stable"),
     )
     board = names()[:-1]
-    held = {name: [bool(row[-1]) for row in rows if row[0] == name] for name in names()}
+    stability = {name: [bool(row[-1]) for row in rows if row[0] == name] for name in names()}
     worst = max(float(row[6] or 0.0) for row in rows if row[0] in board)
-    until = next(
-        (ratio for ratio, stable_by_ratio in zip(RATIOS, held[ABOUT_ZERO], strict=True) if not stable_by_ratio), None
-    )
+    until = next((ratio for ratio, is_stable in zip(RATIOS, stability[ABOUT_ZERO], strict=True) if not is_stable), None)
     sentence = (
-        f"{sum(all(held[name]) for name in board)} of the board's {len(board)} calibrators are stable in float32 up to "
-        f"{RATIOS[-1]:g} times the field, at most {hundredths(worst)} deg from float64 in {100 * _HIGH:g} % of "
-        f"{plan.instances} instances; with sums about the sensor's zero "
-        + ("direct is as well." if until is None else f"direct is not from {until:g} times the field on.")
+        f"{sum(all(stability[name]) for name in board)} of the board's {len(board)} calibrators are stable in float32 "
+        f"up to {RATIOS[-1]:g} times the field, at most {hundredths(worst)} deg from float64 in {100 * _HIGH:g} % of "
+        f"{plan.instances} instances; with sums about the sensor's zero, direct is "
+        + ("stable, too." if until is None else f"unstable from {until:g} times the field on.")
     )
     measurements = tuple(
         check(f"study.float32.{name}.apart", float(np.quantile(by_ratio[JUDGED][:, index, 2], _HIGH)), unit="deg")
@@ -143,7 +142,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     )
     medians = [float(row[2] or 0.0) for row in rows if row[0] == ABOUT_ZERO]
     table = Table("study.float32", columns, tuple(rows))
-    return Conclusion(sentence, measurements, table, _printed_figures(medians, stable=all(held[ABOUT_ZERO])))
+    return Conclusion(sentence, measurements, table, _printed_figures(medians, stable=all(stability[ABOUT_ZERO])))
 
 
 def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[PrintedFigure, ...]:
@@ -156,8 +155,8 @@ def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[Pri
             "unstable",
             measured,
             not stable,
-            "its least squares are of squares about the sensor's zero, as these are; the board's calibrators sum about "
-            "the middle of the points",
+            "like Two-Step, this fit sums about the sensor's zero; the board's calibrators sum about the middle of the "
+            "points",
         ),
         PrintedFigure(
             "float32 for a sensor of 10 bits",
@@ -165,28 +164,26 @@ def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[Pri
             "suffices",
             measured,
             stable,
-            "squares of squares have four times the bits of a reading: it suffices about the middle of the points, and "
-            "about zero for little hard iron",
+            "fourth powers have four times the bits of a reading: float32 suffices for sums about the middle of the "
+            "points, and for sums about zero if hard iron is small",
         ),
     )
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw the effects of float32 and of noise against hard iron."""
-    table = run.table("study.float32")
-    assert table is not None
     lines: dict[str, list[tuple[float, float]]] = {}
     for row in table.rows:
         lines.setdefault(str(row[0]), []).append((float(row[1] or 0.0), float(row[6] or 0.0)))
     direct = [(float(row[1] or 0.0), float(row[3] or 0.0)) for row in table.rows if row[0] == "direct"]
-    every = [y for line in (*lines.values(), direct) for _, y in line if y > 0.0]
+    heights = [y for line in (*lines.values(), direct) for _, y in line if y > 0.0]
     figure = Figure(
-        title="What float32 adds",
+        title="Effect of float32",
         description=run.verdict.sentence,
         x_label="hard iron / field",
         y_label="angle to float64, p95 [deg]",
         x_range=(-0.5, RATIOS[-1] + 0.5),
-        y_range=(min(every) / 1.5, max(every) * 1.5),
+        y_range=(min(heights) / 1.5, max(heights) * 1.5),
         x_ticks=RATIOS,
         width=560.0,
         height=360.0,
@@ -195,13 +192,13 @@ def draw(run: Run) -> Figure:
     for index, (name, line) in enumerate(lines.items()):
         style, mark = series(index)
         figure.series(name, line, style, mark)
-    figure.series("what noise makes, median", direct, "level")
+    figure.series("effect of noise, median", direct, "level")
     return figure
 
 
 STUDY = Study(
     name="float32",
-    question="Which calibrators of the board stay stable in single precision as hard iron grows?",
+    question="Which calibrators of the board are stable in single precision, as hard iron grows?",
     conditions=len(RATIOS),
     instances=200,
     points=100,

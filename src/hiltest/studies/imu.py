@@ -1,4 +1,4 @@
-"""`imu`: remaining errors of an IMU after least squares and norm fits, and the effect of subtracting the mean."""
+"""`imu`: errors of an IMU that remain after least squares and norm fits, and the effect of subtracting the mean."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 UNCALIBRATED, LSTSQ = "uncalibrated", "lstsq"
 CALIBRATORS = ("li", "merayo", "frosio")
 METHODS = (UNCALIBRATED, *CALIBRATORS)
-#: Length of the magnetometer's hard iron over the field; the accelerometer's condition comes behind these.
+#: Ratios of the magnetometer's hard iron to the field; the next condition is that of the accelerometer.
 OFFSETS = (0.0, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0)
 ACCELEROMETER = len(OFFSETS)
-#: Readings of the paper's magnetometer deviate from the norm by .626 of it, as with an offset as large as the field.
+#: The paper's readings deviate from the norm by .626 of the norm, as with an offset as large as the field.
 JUDGED = OFFSETS.index(1.0)
-_NOISE = 0.04  # of the field: the remaining deviation in Table 2 after a calibration
+_NOISE = 0.04  # of the field: the deviation in Table 2 after a calibration
 _PLACES = (
     *((method, "six faces") for method in (UNCALIBRATED, LSTSQ, "merayo", "frosio")),
     *((method, "60 attitudes") for method in ("merayo", "frosio")),
@@ -35,7 +35,7 @@ _PLACES = (
 _FACES = np.concatenate([np.eye(3), -np.eye(3)])
 _SAMPLES_A_FACE = 50
 _ACCELEROMETER_NOISE = 0.005  # of gravity
-_ASKEW_DEG = 0.3  # error of a face that is set by hand, about each axis
+_ASKEW_DEG = 0.3  # error of a face that is aligned by hand, about each axis
 # Values of Table 1: x, y, z and all axes; of Table 2: before and after subtracting the mean.
 _TABLE_1 = {
     UNCALIBRATED: (0.06343, 0.03357, 0.04977, 0.08734),
@@ -53,10 +53,10 @@ _SHARE = 0.95
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
-    """Return the rms of each method for each instance, 0 without a fit.
+    """Return the rms of each method for each instance, or 0 if it has no fit.
 
-    The order for the magnetometer is by method, before and after subtracting the mean, and then whether li's problem
-    stays the same in exact arithmetic. The order for the accelerometer is x, y and z, by place.
+    Numbers of the magnetometer: by method, before and after subtracting the mean; then whether li's problem is the same
+    in exact arithmetic. Numbers of the accelerometer: x, y and z, by place.
     """
     numbers: list[float | int] = []
     if block.condition == ACCELEROMETER:
@@ -75,7 +75,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 
 def _rms(method: str, counts: Array, field_counts: float) -> float:
-    """Return the rms of 1 minus the norms; 0 without a fit."""
+    """Return the rms deviation of the norms from 1; 0 if there is no fit."""
     if method == UNCALIBRATED:
         return float(np.sqrt(np.mean((1.0 - np.linalg.norm(counts, axis=1) / field_counts) ** 2)))
     fit = REFERENCES[method](counts)
@@ -83,18 +83,18 @@ def _rms(method: str, counts: Array, field_counts: float) -> float:
 
 
 def is_same_for_li(counts: NDArray[np.int64]) -> bool:
-    """Return whether li's eigenproblem is exactly the same before and after subtracting the mean."""
-    scaled = len(counts) * counts  # so that the mean consists of whole numbers, too
+    """Return whether li's eigenproblem is the same before and after subtracting the mean, in exact arithmetic."""
+    scaled = len(counts) * counts  # the mean then consists of whole numbers
     return eliminated(scaled) == eliminated(scaled - counts.sum(axis=0))
 
 
 def eliminated(points: NDArray[np.int64]) -> list[list[Fraction]]:
-    """Return ``S11 - S12 S22^-1 S12'`` of points in whole numbers, exactly.
+    """Return ``S11 - S12 S22^-1 S12'`` of points with integer coordinates, exactly.
 
     Notes
     -----
-    S are the sums of products of the monomials; 1 are the squares and products, 2 the axes and 1. The eigenvectors that
-    are the fit follow from the matrix and the constraint on 1 alone (Li and Griffiths, eq. 11 to 15).
+    S is the scatter matrix of the monomials: block 1 has the squares and products, block 2 the coordinates and the
+    constant. The result and the constraint on block 1 determine the fit (Li and Griffiths, eq. 11 to 15).
     """
     first, second = np.triu_indices(3, 1)
     whole = points.astype(object)  # Python's integers, which do not overflow
@@ -128,7 +128,7 @@ def _accelerometer(random: np.random.Generator) -> list[float]:
 
 
 def _correct_faces(method: str, samples: Array, faces: Array, expected: Array) -> Array | None:
-    """Return the faces' samples corrected by a method; None without a fit."""
+    """Return the samples of the faces, corrected by a method; None if it has no fit."""
     if method == UNCALIBRATED:
         return np.asarray(faces / COUNTS)
     if method == LSTSQ:  # Puc, Podobnik and Munih, eq. 11 to 13
@@ -139,7 +139,7 @@ def _correct_faces(method: str, samples: Array, faces: Array, expected: Array) -
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
-    """Compute medians over the fits, count missing fits, and compare both with the paper's tables."""
+    """Compute medians of the fits, count instances without a fit, and compare both with the paper's tables."""
     numbers_by_condition = [
         np.concatenate([np.asarray(block) for block in blocks]).reshape(plan.instances, -1) for blocks in by_condition
     ]
@@ -189,9 +189,9 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         _percent_without_fit(norms[JUDGED][:, frosio, 1]),
     )
     sentence = (
-        f"With an offset as large as the field frosio has no fit in {lost:.0f} % of {plan.instances} instances, and in "
-        f"{lost_less_mean:.0f} % once the mean is subtracted; what li has to solve differs in {differing} of "
-        f"{plan.instances * ACCELEROMETER} in exact arithmetic."
+        f"With an offset as large as the field, frosio has no fit in {lost:.0f} % of {plan.instances} instances, and "
+        f"in {lost_less_mean:.0f} % after the mean is subtracted; in exact arithmetic, the problem of li differs in "
+        f"{differing} of {plan.instances * ACCELEROMETER} instances."
     )
     printed = (
         *_table_1(all_axes),
@@ -229,13 +229,13 @@ def _measurements(judged: Array, all_axes: Array, differing: int) -> list[Measur
 
 
 def _judge_figure(figure: str, paper: str, printed_value: float, rms: Array, why_not: str) -> PrintedFigure:
-    """Judge a printed figure by the range that contains most instances."""
+    """Judge a printed figure by the range that contains 95 % of instances."""
     fitted = rms[rms > 0.0]
     if not len(fitted):
-        return PrintedFigure(figure, paper, f"{printed_value:.5f}", "no fit", reproduced=False, why=why_not)
+        return PrintedFigure(figure, paper, f"{printed_value:.5f}", "no fit", reproduced=False, because=why_not)
     low, high = np.quantile(fitted, [(1.0 - _SHARE) / 2.0, (1.0 + _SHARE) / 2.0])
     reproduced = bool(low <= printed_value <= high)
-    why = f"{100 * _SHARE:g} % of instances lie within {low:.4f} and {high:.4f}"
+    why = f"{100 * _SHARE:g} % of instances are from {low:.4f} to {high:.4f}"
     return PrintedFigure(
         figure,
         paper,
@@ -247,13 +247,13 @@ def _judge_figure(figure: str, paper: str, printed_value: float, rms: Array, why
 
 
 def _table_1(all_axes: Array) -> list[PrintedFigure]:
-    why_not = dict.fromkeys(_TABLE_1, "one board's errors are not known") | {
-        LSTSQ: "two of the paper's axes agree within 3 %, the third is four times as far off: not noise, but how one "
-        "face was held",
+    why_not = dict.fromkeys(_TABLE_1, "the errors of the paper's board are unknown") | {
+        LSTSQ: "two of the paper's axes agree within 3 %, and the error of the third is four times as large, probably "
+        "because one face was misaligned",
         **dict.fromkeys(
             ("merayo", "frosio"),
-            "these are of 60 attitudes: from the six faces, which do not determine "
-            "nine unknowns, there is no fit at all, and the paper does not say which it took",
+            "measured with 60 attitudes, because six faces do not determine nine unknowns and give no fit; the paper "
+            "does not state its attitudes",
         ),
     }
     columns = {(method, place): all_axes[:, k] for k, (method, place) in enumerate(_PLACES)}
@@ -271,7 +271,7 @@ def _table_1(all_axes: Array) -> list[PrintedFigure]:
 
 
 def _table_2(judged: Array) -> list[PrintedFigure]:
-    why_not = "the paper's samples are not known"
+    why_not = "the paper's samples are unknown"
     return [
         _judge_figure(
             f"norm, {method}, {when}", "Puc, Podobnik and Munih, Table 2", printed_value, judged[:, k, j], why_not
@@ -288,17 +288,17 @@ def _judge_convergence(norms: Array) -> PrintedFigure:
     shares = ", ".join(f"{share:.0f} % at {offset:g}" for offset, share in zip(OFFSETS, lost, strict=True))
     large = [share for offset, share in zip(OFFSETS, lost, strict=True) if offset > 1.0]
     return PrintedFigure(
-        "large offsets with which frosio converges",
+        "convergence of frosio with large offsets",
         "Puc, Podobnik and Munih, 3.2",
         "none",
         f"without a fit: {shares} of the field; less mean at most {after:.0f} %",
         min(large) == 100.0,
-        "it starts at an offset of 0, outside the sphere of the points once the offset is larger than the field",
+        "it starts at an offset of 0, which is outside the sphere of the points if the offset is larger than the field",
     )
 
 
 def _judge_improvement(judged: Array, differing: int) -> PrintedFigure:
-    """Judge by the instances, each before and after: an effect of rounding is no improvement."""
+    """Judge by the change of each instance; an effect of rounding is not an improvement."""
     better: dict[str, float] = {}
     for k, method in enumerate(CALIBRATORS, 1):
         before, after = judged[:, k, 0], judged[:, k, 1]
@@ -306,26 +306,24 @@ def _judge_improvement(judged: Array, differing: int) -> PrintedFigure:
         better[method] = float(np.median(before[both] / after[both]) - 1.0) if both.any() else 0.0
     moved = abs(better["li"])
     return PrintedFigure(
-        "what subtracting the mean improves",
+        "methods that subtracting the mean improves",
         "Puc, Podobnik and Munih, 3.2",
         "all methods",
         f"rms in the median li {100 * better['li']:.2g} %, merayo {100 * better['merayo']:.2g} %",
         differing > 0 or moved > 1e-9,
-        "li eliminates the terms that an origin changes: in exact arithmetic its problem is the same, and other "
-        "figures come of rounding or of other samples; merayo holds the norm of all coefficients, and frosio starts "
-        "at the origin",
+        "li eliminates the terms that depend on the origin: in exact arithmetic its problem does not change, so "
+        "differences are due to rounding or other samples; merayo fixes the norm of all coefficients, and frosio "
+        "starts at the origin",
     )
 
 
-def draw(run: Run) -> Figure:
+def draw(run: Run, table: Table) -> Figure:
     """Draw the share of instances without a fit by frosio against the offset."""
-    table = run.table("study.imu")
-    assert table is not None
     figure = Figure(
         title="Instances without a fit by frosio",
         description=run.verdict.sentence,
         x_label="offset / field",
-        y_label="of instances [%]",
+        y_label="share of instances [%]",
         x_range=(-0.1, OFFSETS[-1] + 0.1),
         y_range=(-3.0, 105.0),
         width=560.0,
@@ -340,8 +338,7 @@ def draw(run: Run) -> Figure:
 
 STUDY = Study(
     name="imu",
-    question="What do least squares and fits of norms leave of the errors of an IMU, and what does subtracting the "
-    "mean change?",
+    question="Which errors of an IMU remain after least squares and norm fits, and does subtracting the mean help?",
     conditions=len(OFFSETS) + 1,
     instances=200,
     points=200,

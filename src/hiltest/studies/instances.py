@@ -1,9 +1,9 @@
-"""The thesis' instance generator: calibration problems by number, the same in C and in numpy to the last bit.
+"""Generator of the thesis' calibration problems, with bit-identical results in C and in numpy.
 
-Instance k of a model is a function of (seed, stream, points, k): Philox 4x64-10 (Salmon et al., SC'11) by counter, so
-that workers can share the work arbitrarily. Angles and noise come from tables with 65 536 intervals; the noise table is
-that of `hiltest.world.noise`, with variance .99998 and kurtosis 2.9991, ending at 4.3 sigma. Other operations are
-+ - * / and sqrt, which IEEE 754 rounds uniquely.
+Instance k of a model is a function of (seed, stream, points, k): Philox 4x64-10 (Salmon et al., SC'11) with a counter,
+so that workers can share the instances arbitrarily. Angles and noise come from tables with 65 536 intervals; the noise
+table is that of `hiltest.world.noise`, with variance .99998 and kurtosis 2.9991, up to 4.3 sigma. All other operations
+are + - * / and sqrt, which IEEE 754 rounds uniquely.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from hiltest.world.noise import normal_quantiles
 
 _PARTS = 1 << 16
 _QUARTER_TURN = _PARTS // 4
-_GRID = 1 << 30  # of cosines: finer than needed, and coarser than differences between mathematical libraries
+_GRID = 1 << 30  # resolution of cosines, coarser than the differences between mathematical libraries
 _DIRECTIONS = sphere_directions(200)
 _PARAMETER_COUNTERS = 3
-_AT_ONCE = 4096  # instances that numpy draws and fits at a time: 100 MB at 1000 points
+_AT_ONCE = 4096  # instances that numpy processes at a time: 100 MB with 1000 points
 
 Words = NDArray[np.uint64]
 
@@ -46,39 +46,39 @@ class Model:
     stream: int = 0
     """Instances of two streams are independent of each other."""
     stretch: float = 0.5
-    """Eigenvalues of the soft iron are uniform in 1 -+ stretch; its axes Q are any rotation [1]."""
+    """Soft iron: the eigenvalues are uniform in 1 +- stretch, and the axes Q are a random rotation [1]."""
     occluded: float = 0.5
-    """The directions b leave out a cap about any axis; its share of the sphere is uniform up to this [1]."""
+    """The directions b omit a cap about a random axis; the cap's share of the sphere is uniform from 0 to this [1]."""
     hard_iron_ut: float = 100.0
-    """Components of e are uniform up to this on both sides of 0 [uT]."""
+    """The components of e are uniform from minus to plus this [uT]."""
     field_ut: float = 50.0
-    """R, the field strength [uT]."""
+    """Field strength R [uT]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instances:
-    """Points and the true parameters."""
+    """Points, and the true parameters."""
 
     points_ut: Array
     """Measured field [uT], body frame; shape (m, n, 3)."""
     soft_iron: Array
-    """Matrix from the field to the field at the part [1]; shape (m, 3, 3)."""
+    """Matrix from the earth's field to the field at the sensor [1]; shape (m, 3, 3)."""
     hard_iron_ut: Array
     """Hard iron [uT], body frame; shape (m, 3)."""
 
     def set_hard_iron(self, length_ut: float) -> Instances:
-        """Return the same instances with hard iron of one length and the same directions."""
+        """Return the instances with hard iron of the same directions, and one length."""
         hard_iron_ut = length_ut * self.hard_iron_ut / np.linalg.norm(self.hard_iron_ut, axis=-1, keepdims=True)
         return replace(
             self, points_ut=self.points_ut + (hard_iron_ut - self.hard_iron_ut)[:, None], hard_iron_ut=hard_iron_ut
         )
 
     def counts(self, k: int) -> Array:
-        """Return the points of instance k as a sensor of 0.1 uT a count reads them, shape (n, 3)."""
+        """Return the points of instance k in counts of 0.1 uT, as a sensor reads them, shape (n, 3)."""
         return np.asarray(np.rint(COUNTS_PER_UT * self.points_ut[k]))
 
     def direction_error_deg(self, k: int, fit: MagnetometerFit, field_ut: float) -> float:
-        """Return the rms angle over the sphere between the truth and noiseless readings corrected by a fit [deg]."""
+        """Return the rms angle over the sphere between noiseless readings corrected by a fit and the truth [deg]."""
         readings = COUNTS_PER_UT * (field_ut * _DIRECTIONS @ self.soft_iron[k] + self.hard_iron_ut[k])
         return direction_error_rms_deg(fit, readings, _DIRECTIONS)
 
@@ -96,7 +96,7 @@ class _KernelModel(ctypes.Structure):
 
 @cache
 def cosines() -> Array:
-    """Return the cosines at the middle of 65 536 parts of a turn, rounded to 2**-30."""
+    """Return the cosines at the middles of 65 536 parts of a turn, rounded to 2**-30."""
     return np.array([round(math.cos(2 * math.pi * (k + 0.5) / _PARTS) * _GRID) / _GRID for k in range(_PARTS)])
 
 
@@ -133,15 +133,15 @@ def draw_instances(model: Model, first: int, count: int) -> Instances:
 
 def _words(model: Model, first: int, count: int) -> tuple[Words, Words, Array]:
     """Return the words of parameters, shape (12, m), and those of points and 32-bit heights, shape (m, n) each."""
-    of_points, of_heights = -(-model.points // 4), -(-model.points // 8)
-    counters = _PARAMETER_COUNTERS + of_points + of_heights
-    # numpy increments the counter before it draws: word 0 of instance k belongs to counter k * counters + 1.
+    point_counters, height_counters = -(-model.points // 4), -(-model.points // 8)
+    counters = _PARAMETER_COUNTERS + point_counters + height_counters
+    # numpy increments the counter before it draws, so word 0 of instance k has the counter k * counters + 1.
     start = np.array([first * counters, model.stream, model.points, 0], dtype=np.uint64)
     bits = np.random.Philox(counter=start, key=np.array([model.seed, 0], dtype=np.uint64))
     words = bits.random_raw(4 * counters * count).reshape(count, 4 * counters)
-    parts = np.split(words, [4 * _PARAMETER_COUNTERS, 4 * (_PARAMETER_COUNTERS + of_points)], axis=1)
+    parts = np.split(words, [4 * _PARAMETER_COUNTERS, 4 * (_PARAMETER_COUNTERS + point_counters)], axis=1)
     halves = np.stack([parts[2] & np.uint64(0xFFFFFFFF), parts[2] >> np.uint64(32)], axis=-1)
-    heights = halves.reshape(count, 8 * of_heights)[:, : model.points].astype(np.float64)
+    heights = halves.reshape(count, 8 * height_counters)[:, : model.points].astype(np.float64)
     return parts[0].T, parts[1][:, : model.points], heights
 
 
@@ -159,7 +159,7 @@ def _rotations(words: Words) -> list[list[Array]]:
 
 
 def non_ellipsoids(model: Model, first: int, count: int) -> int:
-    """Count the instances whose least-squares quadric is no ellipsoid, in numpy."""
+    """Count the instances whose least-squares quadric is not an ellipsoid, in numpy."""
     total = 0
     for start in range(first, first + count, _AT_ONCE):
         points_ut = draw_instances(model, start, min(_AT_ONCE, first + count - start)).points_ut
@@ -184,7 +184,7 @@ class Kernel:
         return points
 
     def fit_quadrics(self, points: Array) -> QuadricBatch:
-        """Fit as `hiltest.calibration.direct_batch.fit_quadrics` does, shape (m, n, 3), without coverage."""
+        """Fit points, shape (m, n, 3), as `hiltest.calibration.direct_batch.fit_quadrics`, but without coverage."""
         contiguous = np.ascontiguousarray(points, dtype=np.float64)
         rows = np.empty((len(contiguous), 13))
         places = (contiguous.ctypes.data_as(ctypes.c_void_p), *_uint64(len(contiguous), contiguous.shape[1]))
@@ -194,7 +194,7 @@ class Kernel:
         return QuadricBatch(shape, rows[:, 9:12], rows[:, 12], nothing)
 
     def non_ellipsoids(self, model: Model, first: int, count: int) -> int:
-        """Count the instances whose least-squares quadric is no ellipsoid."""
+        """Count the instances whose least-squares quadric is not an ellipsoid."""
         kernel_model = _kernel_model(model)
         total = int(self._library.hiltest_non_ellipsoids(ctypes.byref(kernel_model), *_uint64(first, count)))
         if total < 0:
@@ -204,7 +204,7 @@ class Kernel:
 
 @cache
 def kernel() -> tuple[Kernel | None, str]:
-    """Return the kernel in C, compiled if necessary and possible; or the reason why it is missing."""
+    """Return the kernel in C, which is compiled if necessary, or the reason why it is missing."""
     sources = SOURCES[INSTANCES_KERNEL]
     library, reason = loaded(INSTANCES_KERNEL, sources)
     if library is None and not (reason := compiled(INSTANCES_KERNEL, sources)):
@@ -213,7 +213,7 @@ def kernel() -> tuple[Kernel | None, str]:
 
 
 def _kernel_model(model: Model) -> _KernelModel:
-    # The functions that made both tables cache them, so that the pointers stay valid.
+    # The pointers stay valid, because the functions cache both tables.
     tables: tuple[Any, ...] = (normal_quantiles().ctypes.data, cosines().ctypes.data)
     return _KernelModel(
         model.seed,

@@ -1,7 +1,7 @@
-"""Work in numbered pieces, shared by processes of this machine or by the workers of a dask.distributed scheduler.
+"""Distribution of numbered pieces of work to local processes, or to the workers of a dask.distributed scheduler.
 
-The result of a piece must depend only on the common argument and its number: a piece can then be computed anywhere, in
-any order, and again if its worker died. The caller receives one result per piece.
+The result of a piece must depend only on the common argument and the number of the piece. A piece can then be computed
+anywhere, in any order, and repeated if its worker dies. The caller receives one result per piece.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ Common = TypeVar("Common")
 Result = TypeVar("Result")
 
 ANSWER_S = 10.0
-"""Time limit for the first answer of a scheduler."""
+"""Time limit for the first answer of a scheduler [s]."""
 NO_WORKER_S = 60.0
-"""Time limit for a scheduler without workers while there is work; a scheduler may need time to start some."""
+"""Time limit for a scheduler to have workers while there is work [s]; some schedulers need time to start workers."""
 _ASK_AGAIN_S = 1.0
 _LISTEN_S = 0.2
-# Pieces at the scheduler per thread of its workers: one that is computed, and one that waits.
+# Submitted pieces per thread of the workers: one is computed, and one waits.
 _PER_THREAD = 2
-# Pieces for a scheduler without workers, since some schedulers start workers only for waiting pieces.
+# Submitted pieces without workers, since some schedulers start workers only if pieces wait.
 _FEWEST = 4
 
 
-def each_done(
+def compute_pieces(
     do: Callable[[Common, int], Result],
     common: Common,
     pieces: Iterable[int],
@@ -45,31 +45,32 @@ def each_done(
     starts_process: bool = False,
     asked_to_end: Callable[[], bool] = lambda: False,
 ) -> Iterator[tuple[int, Result]]:
-    """Yield number and result of each piece when it is finished.
+    """Compute pieces in parallel; yield number and result of each piece when it is finished.
 
     Parameters
     ----------
     do
-        Function of the common argument and a piece's number. It must be picklable, with both.
+        Function of the common argument and the number of a piece. Function and argument must be picklable.
     pieces
-        Distinct numbers.
+        Numbers of the pieces, which must be distinct.
     jobs
-        Number of parallel pieces on this machine, or the address of a dask scheduler whose workers compute them.
+        Number of parallel pieces on this machine, or the address of a dask scheduler whose workers compute the pieces.
     remark
-        Remark on saved pieces for the message of an error.
+        Remark on saved pieces, for error messages.
     starts_process
-        True if `do` only waits for a process that it starts, so that it needs no process of its own.
+        True if `do` only waits for a process that it starts; it then runs in a thread.
     asked_to_end
-        Function that returns True to stop. Pieces that run on this machine are finished, others are dropped.
+        Function that returns True to stop. Pieces that run on this machine are finished, and all others are dropped.
 
     Raises
     ------
     HiltestError
         If a process of this machine was killed.
     SchedulerError
-        If no scheduler answers at the address, no workers come, several die over one piece, or the scheduler is lost.
+        If no scheduler answers at the address, it has no workers, several workers die while computing one piece, or the
+        connection is lost.
     ConfigError
-        If the extra ``dask`` is not installed, or scheduler or workers lack hiltest, or have another version of it.
+        If the extra ``dask`` is not installed, or if scheduler or workers do not have this version of hiltest.
     """
     if isinstance(jobs, str):
         return _run_by_scheduler(do, common, pieces, jobs, remark, asked_to_end)
@@ -102,13 +103,13 @@ def _run_in_pool(
     asked_to_end: Callable[[], bool],
 ) -> Iterator[tuple[int, Result]]:
     def room() -> int:
-        """Return one more than the number of processes, so that few pieces remain when the end is requested."""
+        """Return one more than the number of processes, so that few pieces remain when an end is requested."""
         return 0 if asked_to_end() else jobs + 1
 
     try:
         yield from _yield_results(lambda piece: pool.submit(do, common, piece), room, pieces, {})
     except BrokenProcessPool as error:
-        raise HiltestError(f"a worker's process was ended from outside, as for want of memory; {remark}") from error
+        raise HiltestError(f"a worker process was killed, possibly because memory ran out; {remark}") from error
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -118,22 +119,22 @@ def _leave_interruption_to_parent() -> None:
 
 
 def _yield_results(
-    submit: Callable[[int], Any], room: Callable[[], int], pieces: Iterable[int], going: dict[Any, int]
+    submit: Callable[[int], Any], room: Callable[[], int], pieces: Iterable[int], running: dict[Any, int]
 ) -> Iterator[tuple[int, Any]]:
-    """Submit as many pieces as there is room for, and yield each finished one; `going` maps futures to numbers."""
+    """Submit pieces up to `room()`, and yield each finished one; `running` maps futures to numbers."""
     waiting, done = iter(pieces), SimpleQueue[Any]()
     while True:
-        for piece in islice(waiting, max(room() - len(going), 0)):
+        for piece in islice(waiting, max(room() - len(running), 0)):
             future = submit(piece)
-            going[future] = piece
+            running[future] = piece
             future.add_done_callback(done.put)
-        if not going:
+        if not running:
             return
         try:
             future = done.get(timeout=_LISTEN_S)
         except Empty:
             continue
-        yield going.pop(future), future.result()
+        yield running.pop(future), future.result()
 
 
 def _run_by_scheduler(
@@ -153,11 +154,11 @@ def _run_by_scheduler(
         client = Client(address, timeout=ANSWER_S, set_as_default=False, name="hiltest")
     except OSError as error:
         raise SchedulerError(
-            address, f"nobody answers there ({error}). Start it with dask scheduler, or name another with --jobs"
+            address, f"no scheduler answers ({error}). Start it with dask scheduler, or name another with --jobs"
         ) from error
-    going = dict[Any, int]()
+    running = dict[Any, int]()
     workers = _Workers(client, address, remark)
-    # The keys belong to this command alone, so that results of another command with other files are not reused.
+    # The keys are unique to this command, so that dask does not reuse results of another command with other files.
     command, name = uuid4().hex, do.__name__.strip("_")
 
     def submit(piece: int) -> Any:
@@ -165,41 +166,41 @@ def _run_by_scheduler(
 
     def room() -> int:
         if asked_to_end():
-            going.clear()
+            running.clear()
             return 0
         return workers.room()
 
     try:
         _refuse_without_hiltest(client, address)
-        # The common argument is a task, too, so that the scheduler can recompute it if all workers that hold it died.
+        # As a task, the common argument can be recomputed by the scheduler if all workers that have it die.
         shared = client.submit(_identity, common, key=f"common-{command}")
-        yield from _yield_results(submit, room, pieces, going)
+        yield from _yield_results(submit, room, pieces, running)
     except KilledWorker as error:
         raise SchedulerError(
-            address, f"workers died over one piece, one after the other ({error}); {remark}"
+            address, f"several workers died while computing the same piece ({error}); {remark}"
         ) from error
     except (CancelledError, CommClosedError) as error:
         raise workers.lost(error) from error
     finally:
-        client.close()  # it drops all unfinished pieces
+        client.close()  # drops all unfinished pieces
 
 
 class _Workers:
-    """The workers of a scheduler: the number of pieces that they can take, and a time limit without workers."""
+    """The workers of a scheduler: the number of pieces to submit, and a time limit for a scheduler without workers."""
 
     def __init__(self, client: Any, address: str, remark: str) -> None:
         self._client, self._address, self._remark = client, address, remark
         self._asked_s, self._present_s, self._threads = 0.0, monotonic(), 0
 
     def room(self) -> int:
-        """Return how many pieces may be at the scheduler."""
+        """Return the number of pieces that may be submitted at a time."""
         now_s = monotonic()
         if now_s - self._asked_s >= _ASK_AGAIN_S:
             self._asked_s, self._threads = now_s, self._ask()
         if self._threads:
             self._present_s = now_s
         elif now_s - self._present_s >= NO_WORKER_S:
-            reason = f"it has had no worker for {NO_WORKER_S:g} s. Start some with dask worker {self._address}"
+            reason = f"no worker for {NO_WORKER_S:g} s. Start workers with dask worker {self._address}"
             raise SchedulerError(self._address, f"{reason}; {self._remark}")
         return max(_PER_THREAD * self._threads, _FEWEST)
 
@@ -212,12 +213,12 @@ class _Workers:
             raise self.lost(error) from error
 
     def lost(self, error: Exception) -> SchedulerError:
-        """Return the error of a scheduler that no longer answers."""
-        return SchedulerError(self._address, f"it is gone ({error}); {self._remark}")
+        """Return the error for a lost connection."""
+        return SchedulerError(self._address, f"the connection was lost ({error}); {self._remark}")
 
 
 def _refuse_without_hiltest(client: Any, address: str) -> None:
-    """Check installed versions by a function that all machines have: a worker that cannot load a piece dies of it."""
+    """Check that hiltest is installed everywhere, because a worker that cannot load a piece dies."""
     lacking = [
         worker
         for worker, answer in client.run(version, "hiltest", on_error="return").items()
@@ -229,7 +230,7 @@ def _refuse_without_hiltest(client: Any, address: str) -> None:
         lacking.insert(0, address)
     if lacking:
         raise ConfigError(
-            f"hiltest is not installed at {', '.join(lacking)}: install hiltest {__version__} there, and start it again"
+            f"hiltest is not installed at {', '.join(lacking)}: install hiltest {__version__} there, and restart dask"
         )
 
 
@@ -243,7 +244,7 @@ def _run_on_worker(do: Callable[[Common, int], Result], requested_version: str, 
         from distributed import get_worker
 
         raise ConfigError(
-            f"the worker {get_worker().address} has hiltest {__version__}, and this is "
-            f"{requested_version}: install the same there and start it again"
+            f"the worker {get_worker().address} has hiltest {__version__}, but this machine has {requested_version}: "
+            "install the same version there, and restart the worker"
         )
     return do(common, piece)

@@ -1,8 +1,8 @@
-"""Parts of a study, and the block of it that one worker measures.
+"""Definition of a study, and the measurement of its blocks.
 
-A study asks a question of a paper, or of an engineer. Its instances are divided into blocks, each of one condition (a
-noise level, a number of points, ...). The result of a block depends only on the plan and the block's number, and it
-consists of numbers for JSON: `measure_block` can run anywhere and in any order, and its result can be saved in a file.
+A study answers a question from a paper or from an engineer. Its instances are divided into blocks, each of one
+condition (a noise level, a number of points, ...). The result of a block depends only on the plan and the number of the
+block, and consists of numbers: `measure_block` can run anywhere and in any order, and its result can be saved as JSON.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class Plan:
     """Instances of each condition."""
     points: int
     """Points of each instance; 0 if the study has its own numbers of points."""
-    given: Conditions | None = None
-    """Conditions for the study that needs them."""
+    conditions: Conditions | None = None
+    """Conditions for the study `choose`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Instances `first` to ``first + count - 1`` of a condition."""
+    """Instances `first` to ``first + count - 1`` of the condition with a number."""
 
     condition: int
     first: int
@@ -67,13 +67,13 @@ class PrintedFigure:
     measured: str
     """Printed and measured value, with units."""
     reproduced: bool
-    why: str
-    """Reason why it was reproduced, or was not."""
+    because: str
+    """Reason why it is reproduced or not."""
 
 
 @dataclass(frozen=True, slots=True)
 class Conclusion:
-    """Conclusion from all blocks."""
+    """Result of a study."""
 
     sentence: str
     """The answer in one sentence."""
@@ -96,25 +96,25 @@ class Study:
     points: int
     """Defaults of a plan; see `Plan`."""
     block: int
-    """Largest number of instances of a block, which takes a worker some seconds."""
+    """Largest number of instances of a block, such that a worker needs some seconds."""
     measure: Callable[[Plan, Block], Numbers] = field(repr=False)
     """Function that returns the numbers of a block of a plan."""
     conclude: Callable[[Plan, Sequence[Sequence[Numbers]]], Conclusion] = field(repr=False)
-    """Function that returns the conclusion from the numbers of all blocks, by condition and in order of blocks."""
-    draw: Callable[[Run], Figure] = field(repr=False)
-    """Function that returns the plot of a finished record."""
+    """Function that returns the conclusion from the numbers of all blocks, by condition and block."""
+    draw: Callable[[Run, Table], Figure] = field(repr=False)
+    """Function that returns the plot of a finished record, from its table."""
     most_points: int = 100_000
     """Largest number of points of a plan."""
 
 
 def study_of(name: str) -> Study:
-    """Return the study of a name in `NAMES`."""
+    """Return the study with a name in `NAMES`."""
     study: Study = import_module(f"{__package__}.{name}").STUDY
     return study
 
 
 def blocks_of(plan: Plan) -> list[Block]:
-    """Return the blocks of a plan; the number of a block is its index."""
+    """Return the blocks of a plan; the index of a block is its number."""
     return list(_blocks(plan, study_of(plan.study)))
 
 
@@ -125,5 +125,5 @@ def _blocks(plan: Plan, study: Study) -> Iterator[Block]:
 
 
 def measure_block(plan: Plan, number: int) -> Numbers:
-    """Measure one block; any machine with the package can do so."""
+    """Measure one block of a plan."""
     return study_of(plan.study).measure(plan, blocks_of(plan)[number])

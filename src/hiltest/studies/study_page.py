@@ -1,4 +1,4 @@
-"""The page of a study, from its record."""
+"""The page of a study, which is rendered from its record."""
 
 from __future__ import annotations
 
@@ -8,23 +8,29 @@ from dataclasses import dataclass
 from hiltest import __version__
 from hiltest.report.page import render
 from hiltest.run_record.run import Cell, Run, Table, Verdict
-from hiltest.studies.study import Study
+from hiltest.studies.study import PrintedFigure, Study
 from hiltest.text import format_number
 
 PAGE_FILE = "study.html"
 PRINTED_HEADER = ("figure", "paper", "printed", "measured", "reproduced", "why")
 
 
-def page(study: Study, run: Run) -> str:
-    """Return the page: the answer, the plot, each printed figure beside the measured one, and the numbers."""
+def study_table(study: Study, run: Run) -> Table:
+    """Return the table of a study's record."""
     table = run.table(f"study.{study.name}")
     assert table is not None
+    return table
+
+
+def page(study: Study, run: Run) -> str:
+    """Return the page: the answer, the plot, the printed and measured figures, and the table."""
+    table = study_table(study, run)
     return render(
         "study.html.j2",
         package="hiltest.studies",
         study=study,
         run=run,
-        figure=study.draw(run),
+        figure=study.draw(run, table),
         header=PRINTED_HEADER,
         printed=list(printed_rows(study, run)),
         columns=[f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns],
@@ -34,27 +40,14 @@ def page(study: Study, run: Run) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class StudiedFigure:
-    """A figure that a paper printed."""
-
-    figure: str
-    paper: str
-    printed: str
-    measured: str
-    reproduced: bool
-    because: str
-    """Reason why it is reproduced or not."""
-
-
-@dataclass(frozen=True, slots=True)
-class Studied:
-    """A study that was run."""
+class StudyDocument:
+    """Result of `hiltest study`."""
 
     folder: str
     """Folder of ``run.json`` and ``study.html``."""
-    figures: list[StudiedFigure]
+    figures: list[PrintedFigure]
     verdict: Verdict
-    """Verdict of its record."""
+    """Verdict of the record."""
 
 
 def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:

@@ -1,11 +1,11 @@
-"""Runner of a study: several workers share its blocks, each of which is saved when it is finished."""
+"""Runner of a study, which distributes its blocks to workers and saves each finished block."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +19,15 @@ from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.recorder import describe_host
 from hiltest.run_record.run import Column, Findings, Run, Table, TestResult, Verdict, utc_now
 from hiltest.run_record.run_json import write_run
-from hiltest.studies.jobs import each_done
+from hiltest.studies.jobs import compute_pieces
 from hiltest.studies.study import Numbers, Plan, blocks_of, measure_block, study_of
-from hiltest.studies.study_page import PAGE_FILE, page
+from hiltest.studies.study_page import PAGE_FILE, PRINTED_HEADER, page
 
 BLOCKS_FILE = "blocks.jsonl"
 """Finished blocks of an unfinished study: one line of JSON each."""
 _LARGEST_BYTES = 1 << 30
-_KEPT = "the blocks done before are kept: the same command goes on from there"
-_OTHERWISE = "remove it to begin anew, or name another folder with --out"
+_REMARK = "finished blocks are saved: repeat the command to continue"
+_OTHERWISE = "remove it to start over, or name another folder with --out"
 
 Progress = Callable[[str, int, int], None]
 
@@ -35,27 +35,27 @@ Progress = Callable[[str, int, int], None]
 def run_study(
     plan: Plan, folder: Path, *, jobs: int | str, progress: Progress, asked_to_end: Callable[[], bool] = lambda: False
 ) -> Run:
-    """Measure all blocks that are not finished yet, and write ``run.json`` and the page.
+    """Measure all unfinished blocks, and write ``run.json`` and the page.
 
     Parameters
     ----------
     folder
-        Existing folder, which may hold finished blocks of an interrupted run of the same plan.
+        Existing folder, which may have finished blocks of an interrupted run of the same plan.
     jobs
         Number of processes, or the address of a dask scheduler.
     progress
-        Function that is called with the unit of progress, the number done, and the total.
+        Called with the unit of progress, the finished number and the total.
     asked_to_end
-        True to end after the current blocks.
+        Returns True to end after the current blocks.
 
     Raises
     ------
     ConfigError
-        If the folder is in use, or holds blocks of another plan.
+        If the folder is in use, or has blocks of another plan.
     KeyboardInterrupt
-        If the end was requested; without a message.
+        If an end was requested; without a message.
     HiltestError
-        If the remaining blocks cannot be measured: see `each_done`.
+        If the remaining blocks cannot be measured, see `compute_pieces`.
     """
     journal = Journal(folder, BLOCKS_FILE)
     try:
@@ -97,12 +97,12 @@ def _saved_blocks(plan: Plan, journal: Path) -> dict[int, Numbers]:
             if entry["kind"] == "start":
                 if (entry["hiltest"], entry["plan"]) != (__version__, asdict(plan)):
                     raise ConfigError(
-                        f"{journal}: blocks of another study are kept here: {_describe_start(entry)}; {_OTHERWISE}"
+                        f"{journal}: it contains blocks of another study: {_describe_start(entry)}; {_OTHERWISE}"
                     )
                 continue
             number, numbers = entry["number"], entry["numbers"]
             if type(number) is not int or not 0 <= number < blocks or not all(map(_is_number, numbers)):
-                raise ValueError("no block of this study")
+                raise ValueError("not a block of this study")
         except (ValueError, LookupError, TypeError, AttributeError) as error:
             raise ConfigError(f"{journal}: line {line_number} is damaged: {error}; {_OTHERWISE}") from error
         numbers_by_block[number] = tuple(numbers)
@@ -111,7 +111,7 @@ def _saved_blocks(plan: Plan, journal: Path) -> dict[int, Numbers]:
 
 def _describe_start(start: Mapping[str, Any]) -> str:
     plan = dict(start["plan"])
-    conditions = plan.pop("given", None) or {}
+    conditions = plan.pop("conditions", None) or {}
     settings = (f"{key} {value}" for key, value in (plan | conditions).items() if value is not None)
     return ", ".join([f"hiltest {start['hiltest']}", *settings])
 
@@ -128,7 +128,9 @@ def _measure_blocks(
     remaining = [number for number in range(len(blocks)) if number not in done]
     label, instances, so_far = f"{plan.study}: instances", sum(blocks[number].count for number in remaining), 0
     progress(label, 0, instances)
-    for number, numbers in each_done(measure_block, plan, remaining, jobs, remark=_KEPT, asked_to_end=asked_to_end):
+    for number, numbers in compute_pieces(
+        measure_block, plan, remaining, jobs, remark=_REMARK, asked_to_end=asked_to_end
+    ):
         yield number, numbers
         so_far += blocks[number].count
         progress(label, so_far, instances)
@@ -137,7 +139,7 @@ def _measure_blocks(
 def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: float) -> Run:
     study = study_of(plan.study)
     by_condition: list[list[Numbers]] = [[] for _ in range(study.conditions)]
-    for number, block in enumerate(blocks_of(plan)):  # in order of number, whatever the order of execution
+    for number, block in enumerate(blocks_of(plan)):  # in order of number, regardless of the order of execution
         by_condition[block.condition].append(done[number])
     conclusion = study.conclude(plan, by_condition)
     findings = Findings(describe_host(), "full", "", began_utc, seed=plan.seed)
@@ -146,11 +148,8 @@ def _record(plan: Plan, done: Mapping[int, Numbers], began_utc: str, took_s: flo
         findings.take(measurement)
     printed = Table(
         f"study.{study.name}.printed",
-        tuple(Column(name) for name in ("figure", "paper", "printed", "measured", "reproduced", "why")),
-        tuple(
-            (figure.figure, figure.paper, figure.printed, figure.measured, figure.reproduced, figure.why)
-            for figure in conclusion.printed
-        ),
+        tuple(map(Column, PRINTED_HEADER)),
+        tuple(map(astuple, conclusion.printed)),
     )
     findings.tables = {table.name: table for table in (conclusion.table, printed)}
     return findings.finish(Verdict(WORDS[ExitCode.OK], ExitCode.OK, conclusion.sentence, complete=True), utc_now())

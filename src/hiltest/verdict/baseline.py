@@ -10,9 +10,11 @@ from fnmatch import fnmatchcase
 from typing import Literal
 
 from hiltest.errors import ConfigError
+from hiltest.json_files import shown
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.run_record.comparison import FromBuild, Revision, Side
 from hiltest.run_record.outcomes import TestOutcome
+from hiltest.run_record.run import refuse_twice
 from hiltest.text import format_count, id_without_repetition
 from hiltest.verdict.evidence import REAL, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
@@ -77,6 +79,19 @@ class Baseline:
     """Accepted changes, oldest first."""
     passed: tuple[str, ...] = ()
     """Ids of the tests that passed on every seed; empty in older files, which lack them."""
+
+    def __post_init__(self) -> None:
+        if not self.seeds:
+            raise ValueError("it has no run: seeds is empty")
+        if not self.measurements:
+            raise ValueError("it has nothing to compare: measurements is empty")
+        refuse_twice("seed", self.seeds)
+        refuse_twice("measurement", [row.name for row in self.measurements])
+        for row in self.measurements:
+            if len(row.values) != len(self.seeds):
+                raise ValueError(f"{shown(row.name)} has {len(row.values)} values for {len(self.seeds)} seeds")
+            if all(value is None for value in row.values):
+                raise ValueError(f"{shown(row.name)} has no number")
 
 
 def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from hiltest.errors import ConfigError
-from hiltest.json_files import JsonFile, json_line, json_text, read_as, read_json, shown
-from hiltest.verdict.baseline import SCHEMA, Baseline, evidence_from
-from hiltest.verdict.evidence import Evidence, Seed
+from hiltest.json_files import JsonFile, json_line, json_text, read_as
+from hiltest.verdict.baseline import SCHEMA, Baseline
 
 _SILENT = {"measurements": ("limit", "tolerance", "build_id"), "history": ("was_build_id", "revision")}
 """Fields that are omitted from a line if they are null: lines of older files, which lack them, do not change."""
@@ -20,26 +18,16 @@ OTHERWISE = "save it again: hiltest baseline save RUN FILE"
 """The next step for a baseline that cannot be read."""
 
 
-def read_baseline(path: Path) -> Baseline:
+def read_baseline(source: Path | JsonFile) -> Baseline:
     """Read a baseline file.
 
     Raises
     ------
     ConfigError
-        If it is missing, not JSON, of another schema, or has a field that is missing or wrong.
+        If it is missing, not JSON, of another schema, has a field that is missing or wrong, or rows contradict each
+        other.
     """
-    return baseline_in(read_json(path, otherwise=OTHERWISE))
-
-
-def evidence_in(file: JsonFile) -> Evidence:
-    """Return the content of a baseline file as one side of a comparison.
-
-    Raises
-    ------
-    ConfigError
-        If it is of another schema, or has a field that is missing or wrong.
-    """
-    return evidence_from(baseline_in(file), str(file.path), file.sha256)
+    return read_as(source, Baseline, SCHEMA, otherwise=OTHERWISE)
 
 
 def to_json(baseline: Baseline, before: Any = None) -> str:
@@ -71,38 +59,6 @@ def _add_silent_fields(before: Any) -> Any:
         for kind, silent in _SILENT.items()
         if kind in before
     }
-
-
-def baseline_in(file: JsonFile) -> Baseline:
-    """Check the content of a baseline file.
-
-    Raises
-    ------
-    ConfigError
-        For the reasons of `evidence_in`.
-    """
-    baseline = read_as(file, Baseline, SCHEMA, otherwise=OTHERWISE)
-    if fault := _fault(baseline):
-        raise ConfigError(f"{file.path}: {fault}; {OTHERWISE}")
-    return baseline
-
-
-def _fault(baseline: Baseline) -> str:
-    """Return a contradiction between rows that are each valid; empty without one."""
-    if not baseline.seeds:
-        return "it has no run: seeds is empty"
-    if not baseline.measurements:
-        return "it has nothing to compare: measurements is empty"
-    for kind, values in (("seed", baseline.seeds), ("measurement", [row.name for row in baseline.measurements])):
-        twice = [value for value, count in Counter[Seed | str](values).items() if count > 1]
-        if twice:
-            return f"{kind} {shown(twice[0])} appears twice"
-    for row in baseline.measurements:
-        if len(row.values) != len(baseline.seeds):
-            return f"{shown(row.name)} has {len(row.values)} values for {len(baseline.seeds)} seeds"
-        if all(value is None for value in row.values):
-            return f"{shown(row.name)} has no number"
-    return ""
 
 
 def _field(name: str, value: Any) -> str:

@@ -13,8 +13,8 @@ from hiltest.measurement import (
     Measurement,
     Tolerance,
     deviation_of,
-    in_flash,
     is_direction,
+    runs_from_flash,
     tolerance_of,
 )
 from hiltest.verdict.evidence import REAL
@@ -86,7 +86,7 @@ def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> 
 
 def flash_tolerance(latest: Measurement, tolerance: Tolerance) -> Tolerance:
     """Return the tolerance, widened to the smallest difference that counts of code in flash can resolve."""
-    if not in_flash(latest.cycle_model):
+    if not runs_from_flash(latest.cycle_model):
         return tolerance
     return Tolerance(tolerance.absolute, max(tolerance.relative, FLASH_TIE))
 

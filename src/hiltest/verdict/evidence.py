@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from hashlib import sha256 as sha256_of
 from typing import TypeVar
 
-from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, Tolerance
 from hiltest.run_record.comparison import Side
 from hiltest.run_record.failures import failed_by_itself
@@ -105,19 +104,17 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         )
     name_of_rig = f"{rig.name} with faults ({rig.faults})" if rig and rig.faults else rig.name if rig else ""
     side = replace(side, rig=name_of_rig, seeds=() if run.seed is None else (run.seed,))
-    name = file or "this run"
-    of_rig = _tolerances("rig.tolerances", run.rig.tolerances if run.rig else {}, name)
-    fault = f"{name}: the run is incomplete ({run.verdict.outcome}); repeat it"
+    fault = f"{file or 'this run'}: the run is incomplete ({run.verdict.outcome}); repeat it"
     return Evidence(
         side,
         _conditions(run),
         {run.seed: {measurement.name: measurement for measurement in run.measurements}},
-        of_rig,
+        _tolerances(rig.tolerances if rig else {}),
         () if run.verdict.complete else (fault,),
         run.chosen,
-        failed_by_itself(run),
-        in_force=_tolerances("tolerances", run.tolerances, name),
+        in_force=_tolerances(run.tolerances),
         tests={run.seed: _outcomes(run)},
+        failed=failed_by_itself(run),
     )
 
 
@@ -269,14 +266,8 @@ def _conditions(run: Run) -> Conditions | None:
     )
 
 
-def _tolerances(place: str, content: Mapping[str, tuple[float, float]], file: str) -> dict[str, Tolerance]:
-    tolerances = {}
-    for name, values in content.items():
-        try:
-            tolerances[name] = Tolerance(*values)
-        except ValueError as error:
-            raise ConfigError(f"{file}: {place}.{name}: {error}; run it again: hiltest run") from error
-    return tolerances
+def _tolerances(content: Mapping[str, tuple[float, float]]) -> dict[str, Tolerance]:
+    return {name: Tolerance(*values) for name, values in content.items()}
 
 
 def _build(side: Side) -> tuple[str, ...]:

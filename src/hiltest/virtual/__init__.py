@@ -1,6 +1,6 @@
 """The virtual board: an emulated Cortex-M4F with a cycle model, and the MK64F's peripherals.
 
-`program` reads firmware, `board` runs it, `calls` calls one function of it, and `model` has the costs of instructions.
+`program` reads firmware, `board` runs it, `calls` calls its functions, and `model` has the costs of instructions.
 """
 
 from __future__ import annotations

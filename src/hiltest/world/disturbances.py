@@ -117,14 +117,14 @@ class Disturbances:
         A passing magnet changes the field around the body, so soft iron distorts it like the earth's. Current and cable
         belong to the body: their fields are defined at the part, like hard iron.
         """
-        by_cause = self.by_cause_ut(time_s, pose)
+        by_cause = self.fields_by_cause_ut(time_s, pose)
         outside = _sum(field_body_ut, by_cause.pop("passing", _NOTHING))
         field_ut = distortion.apply(outside)
         for own in by_cause.values():
             field_ut = _sum(field_ut, own)
         return field_ut
 
-    def by_cause_ut(self, time_s: float, pose: Pose) -> dict[str, Vector]:
+    def fields_by_cause_ut(self, time_s: float, pose: Pose) -> dict[str, Vector]:
         """Return the field of each present cause, body frame, before any soft iron [uT]."""
         by_cause: dict[str, Vector] = {}
         if self.current is not None:

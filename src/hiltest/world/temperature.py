@@ -26,7 +26,7 @@ class Temperature:
         if any(duration_s <= 0.0 for duration_s in courses):
             raise ValueError("a temperature takes more than 0 s to change")
 
-    def at(self, time_s: float) -> float:
+    def temperature_at(self, time_s: float) -> float:
         """Return the temperature at a virtual time [degC]."""
         if self.end_degc is None:
             return self.begin_degc

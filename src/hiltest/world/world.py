@@ -202,7 +202,7 @@ class World(Restorable):
         """Virtual time at which the last move begins; for a tumble, the arrival at its first pose [s]."""
         return self._segments[-1].start_s
 
-    def at(self, time_s: float) -> WorldState:
+    def state_at(self, time_s: float) -> WorldState:
         """Return the true state at a virtual time [s], also after the last command."""
         index = bisect_right(self._starts, time_s) - 1
         segment = self._segments[index]
@@ -215,14 +215,14 @@ class World(Restorable):
 
     def field_at_part_ut(self, distortion: MagneticDistortion, time_s: float) -> Vector:
         """Return the field at a part at a virtual time, distorted and disturbed, body frame [uT]."""
-        state = self.at(time_s)
+        state = self.state_at(time_s)
         if self.disturbances is None:
             return distortion.apply(state.field_body_ut)
         return self.disturbances.apply(distortion, state.field_body_ut, time_s, state.pose)
 
     def temperature_degc(self, time_s: float) -> float:
         """Return the temperature of the board at a virtual time [degC]."""
-        return self._temperature.at(time_s)
+        return self._temperature.temperature_at(time_s)
 
     def recorded(self, sensed: Sensed, time_s: float, *, part: str, limit: float) -> Vector | None:
         """Return the recorded reading of a part at its sampling instant, body frame; None without a recording.

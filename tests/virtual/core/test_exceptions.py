@@ -63,7 +63,7 @@ def test_an_interrupt_that_is_disabled_or_does_not_exist_is_not_taken(machine: M
 @pytest.mark.parametrize("change", ["pend", "enable", "priority", "return"])
 def test_whatever_may_make_an_exception_deliverable_has_the_core_look(machine: Machine, change: str) -> None:
     machine.enter(SYSTICK)
-    machine.pointer.looks = False
+    machine.pointer.must_check = False
     if change == "pend":
         machine.call("machine_pend", A)
     elif change == "enable":
@@ -72,7 +72,7 @@ def test_whatever_may_make_an_exception_deliverable_has_the_core_look(machine: M
         machine.call("machine_set_priority", A, 0x20)
     else:
         assert machine.leave()
-    assert machine.pointer.looks
+    assert machine.pointer.must_check
 
 
 def test_entries_and_returns_empty_the_pipeline_and_clear_the_monitor_and_are_events(machine: Machine) -> None:

@@ -263,55 +263,6 @@ def test_three_instructions_of_any_three_rows_take_the_cycles_of_the_profiles_th
         assert_alike(load_profile(name), codes, steps)
 
 
-# Code, its address, and the cycles by both versions: one line or more for each rule of DDI 0439B and docs/timing.md.
-NOP, CMP, ADDS_R2, LDR_R2, MOVEQ, IT = "00bf", "0028", "0132", "1368", "0846", "08bf"
-EOR, VADD, UMAAL, MOVE_PAIR, VDIV = "81ea0200", "31ee821a", "e2fb6301", "51ec100b", "80ee810a"  # four bytes each
-VFMA, VADD_CHAIN, VMOV_S0 = "a0ee810a", "30ee200a", "10ee100a"
-RULES_BY_EXAMPLE = {
-    "a multiply-accumulate does not wait for its addend": (VFMA * 10, 0x1000, 30, 30),
-    "integers run under a division": (VDIV + NOP * 13 + VADD, 0x1000, 15, 15),
-    "a division's result is a cycle later than the FPU": (VDIV + NOP * 14 + VMOV_S0, 0x1000, 16, 16),
-    "a branch waits for a division": (VDIV + "fee7", 0x1000, 14, 14),
-    "an address that was just computed is late": (ADDS_R2 + LDR_R2, 0x1000, 3, 4),
-    "an index that was just computed is late": (ADDS_R2 + "8b58", 0x1000, 3, 4),
-    "a stack pointer that was just computed is late": ("01b001b4", 0x1000, 3, 4),
-    "an address is late through an IT": (ADDS_R2 + IT + LDR_R2, 0x1000, 4, 4),
-    "an address that was computed before is not late": (ADDS_R2 + NOP + LDR_R2, 0x1000, 4, 4),
-    "a comparison computes no address": (CMP + LDR_R2, 0x1000, 3, 3),
-    "an IT is folded onto two bytes": (CMP + IT + MOVEQ, 0x1000, 3, 2),
-    "an IT is not folded onto four bytes": (EOR + IT + MOVEQ, 0x1000, 3, 3),
-    "misplaced additions lose one cycle in three": (NOP + VADD * 48, 0x1000, 49, 64),
-    "additions at multiples of four lose none": (NOP * 2 + VADD * 48, 0x1000, 50, 50),
-    "misplaced integers alone lose none": (NOP + EOR * 48, 0x1000, 49, 49),
-    "the third behind a slow one is late, and no more": (LDR_R2 + EOR * 48, 0x1000, 50, 51),
-    "two behind a slow one are not": (LDR_R2 + EOR * 2, 0x1000, 4, 4),
-    "at multiples of four none is late": (LDR_R2 + EOR * 3, 0x1002, 5, 5),
-    "two bytes let the fetch catch up": (LDR_R2 + EOR * 2 + CMP + NOP + EOR * 2, 0x1000, 8, 8),
-    "a pair of moves is slow": (NOP + MOVE_PAIR + UMAAL * 3, 0x1000, 6, 7),
-    "a wait for a result is slow": (NOP + VADD_CHAIN * 2 + EOR * 3, 0x1000, 7, 8),
-    "loads that overlap are not slow": (LDR_R2 * 2 + EOR * 3, 0x1002, 6, 6),
-}
-# A jump that is taken: TBB, LDR to the PC, BX, POP to the PC.
-JUMPS = {"d2e801f0": (4, 6), "d4f800f0": (4, 5), "7047": (3, 3), "00bd": (4, 4)}
-
-
-@pytest.mark.parametrize(("code", "address", "first", "second"), RULES_BY_EXAMPLE.values(), ids=RULES_BY_EXAMPLE)
-def test_a_rule_costs_what_the_example_says(code: str, address: int, first: int, second: int) -> None:
-    for name, expected in zip(PROFILES, (first, second), strict=True):
-        prices, state = prices_in_c(load_profile(name)), state_in_c(pipeline.NEUTRAL)
-        decoded_code = decode(address, bytes.fromhex(code))
-        assert sum(priced_in_c(prices, instruction, "on", state) for instruction in decoded_code) == expected, name
-
-
-@pytest.mark.parametrize("code", JUMPS)
-def test_a_jump_through_a_table_takes_what_the_manual_says(code: str) -> None:
-    (jump,) = decode(0x1000, bytes.fromhex(code))
-    cycles = [
-        priced_in_c(prices_in_c(load_profile(name)), jump, "away", state_in_c(pipeline.NEUTRAL)) for name in PROFILES
-    ]
-    assert cycles == [*JUMPS[code]]
-
-
 def row_names() -> set[str]:
     """Return the rows that a class of instructions has."""
     ffi, _ = inner_library()

@@ -202,7 +202,7 @@ def test_a_snapshot_inside_an_access_stands_before_the_instruction() -> None:
     def read(address: int, _size: int) -> int:
         if address == DEVICE and not selection:
             selection.append(program.machine.snapshot())
-            with pytest.raises(ConfigError, match="an instruction is under way"):
+            with pytest.raises(ConfigError, match="is executing an instruction"):
                 program.machine.restore(selection[0])
         return 7
 

@@ -149,34 +149,6 @@ def test_random_courses_wait_as_long_by_random_rows(seed: int) -> None:
     assert_alike(random_values(chance), chance)
 
 
-def test_a_miss_waits_for_the_edge_and_one_clock_and_what_is_read_ahead_for_less() -> None:
-    model = NewModel(shipped_values(PROFILES[1]))
-    assert model.fetch(0x8000, 4, 101) == 9  # from the edge at 105 to 110
-    assert [model.fetch(0x8000 + 4 * word, 4, 110) for word in range(1, 4)] == [0, 0, 0]  # of the same line
-    assert model.fetch(0x8010, 4, 112) == 3  # it is read from 110 to 115
-    assert model.fetch(0x8000, 4, 200) == 0  # in the cache
-
-
-def test_with_everything_off_each_word_that_is_not_the_last_one_is_read() -> None:
-    model = NewModel(shipped_values(PROFILES[1]))
-    model.switch(0, BankSwitches(**OFF))
-    waits = [model.fetch(address, 2, cycle) for address, cycle in ((0x8000, 0), (0x8002, 10), (0x8004, 20))]
-    assert waits == [5, 0, 5]
-    # Data does not profit from the fetched word.
-    assert model.access(0x8004, 0, is_first=True, address=0x8004, size=4, cycle=30) == 5
-
-
-def test_halves_of_a_cycle_are_waited_for_together() -> None:
-    def access() -> int:
-        return model.access(0x1FFF0000, 0, is_first=True, address=0x1FFF8000, size=4, cycle=0)
-
-    model = NewModel(shipped_values(PROFILES[1]))
-    assert [access() for _ in range(4)] == [0, 1, 0, 1]
-    access()
-    model.flush()
-    assert access() == 0
-
-
 @pytest.mark.parametrize(
     ("row", "value"),
     [

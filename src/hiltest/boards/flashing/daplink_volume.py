@@ -41,7 +41,7 @@ class DriveState(NamedTuple):
     """Content of ASSERT.TXT, which stays on the drive until somebody deletes it."""
 
     @classmethod
-    def of(cls, volume: Path) -> DriveState | None:
+    def read(cls, volume: Path) -> DriveState | None:
         """Read the state of a drive; return None if it is not a DAPLink's."""
         details = _text(volume / "DETAILS.TXT")
         if not details:
@@ -90,14 +90,14 @@ def drop(
         When there is no drive of a DAPLink, it cannot be written, DAPLink refuses the file, or the drive does not
         return.
     """
-    before = DriveState.of(volume)
+    before = DriveState.read(volume)
     _refuse_drive(volume, before)
     assert before is not None
     failed = _write(volume / FILE_NAME, content, progress)
     began_s = time.monotonic()
     while (waited_s := time.monotonic() - began_s) < back_within_s:
         for place in dict.fromkeys(mount for mount in (volume, find()) if mount is not None):
-            after = DriveState.of(place)
+            after = DriveState.read(place)
             if after is not None and _is_back(place, before, after):
                 _refuse_failure(place, failed, after.stopped if after.stopped != before.stopped else "")
                 return after

@@ -62,7 +62,7 @@ class Target:
         of_port = place_of(self.port) if self.port else None
         if of_port or self.serial_number:
             return of_port or self.serial_number
-        drive = DriveState.of(self.volume) if self.volume else None
+        drive = DriveState.read(self.volume) if self.volume else None
         return (drive.unique_id if drive else "") or os.path.realpath(self.volume or "pyocd")
 
     def mounted_at(self) -> Path | None:
@@ -72,7 +72,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class Flashed:
+class FlashResult:
     """Result of flashing a board."""
 
     serial_number: str
@@ -123,7 +123,7 @@ def find_target(
             (board for board in find_boards() if real in {os.path.realpath(port) for port in board.ports}), None
         )
     elif url is None and volume is not None:
-        drive = DriveState.of(volume)
+        drive = DriveState.read(volume)
         board = next((board for board in find_boards() if drive and board.serial_number == drive.unique_id), None)
     else:
         try:
@@ -138,7 +138,7 @@ def find_target(
     return Target(url, board, volume, rig.link.baud if rig else _BAUD, rig)
 
 
-def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress: Progress) -> Flashed:
+def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress: Progress) -> FlashResult:
     """Flash an image, and check that the board then answers with its identity.
 
     Parameters
@@ -169,14 +169,14 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             hint = "" if after.resets_by_itself else " Press its reset button: its DAPLink does not start firmware."
         if not image.contains(FIRMWARE_NAME.encode()) or (target.rig is not None and not target.rig.answers_requests):
             rig = target.rig.path if target.rig else "R"
-            return Flashed(
+            return FlashResult(
                 serial_number,
                 None,
                 "it does not speak hiltest's protocol, so its build is unknown: check its output with hiltest listen "
                 f"--rig {rig}",
             )
         if target.port is None:
-            return Flashed(
+            return FlashResult(
                 serial_number,
                 None,
                 "the serial port of the board is unknown, so its build was not checked: name the port with --port",
@@ -185,7 +185,7 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
             identity = _ask(target.port, target)
         except BenchError as error:
             raise FlashError(f"{image.image.name} was programmed, but does not answer: {error}{hint}") from error
-        return Flashed(serial_number, identity, _identity_remark(identity, image, target.port))
+        return FlashResult(serial_number, identity, _identity_remark(identity, image, target.port))
 
 
 def _find_volume(target: Target) -> Path:

@@ -11,7 +11,7 @@ from hiltest.interfaces.packet_stream import batches
 from hiltest.interfaces.packet_summary import BoardClock, summary_of
 from hiltest.interfaces.packets import AxisConvention, MainPacket
 from hiltest.interfaces.sensor_files.parsed_lines import UTF16_MARKS
-from hiltest.interfaces.sensor_files.tracks import Recorded, in_body_axes, read_table
+from hiltest.interfaces.sensor_files.tracks import Recorded, read_table, rotate_to_body
 from hiltest.json_files import read_bounded
 from hiltest.rig import Rig
 from hiltest.rig.recorded_motion import PlaybackFile, PlayedSensor
@@ -102,15 +102,15 @@ def _read_packets(path: Path, data: bytes, settings: PlaybackFile) -> Recorded:
             "magnetometer], accelerometer and gyroscope, how each lies in the body"
         )
     clock = BoardClock()
-    times_s = np.array([clock.at(stamp) for table in rows for stamp in table.rows["time_us"].tolist()])
+    times_s = np.array([clock.advance(stamp) for table in rows for stamp in table.rows["time_us"].tolist()])
     if clock.resets or bool((np.diff(times_s) <= 0.0).any()):
         raise ConfigError(f"{path}: the board's clock goes back in it, or stands; cut the recording there")
     tracks = {}
     for sensed, attribute in _OF_PACKET.items():
-        readings = np.concatenate([table.in_unit(attribute) for table in rows])
+        readings = np.concatenate([table.scaled_values(attribute) for table in rows])
         is_present = readings.any(axis=1)  # the firmware sends zeros for a sensor that the algorithm does not use
         if is_present.any():
-            in_axes = in_body_axes(readings[is_present], settings.sensor(sensed.key).signed_axes)
+            in_axes = rotate_to_body(readings[is_present], settings.sensor(sensed.key).signed_axes)
             tracks[sensed] = Track(times_s[is_present], in_axes)
     if not tracks:
         raise ConfigError(f"{path}: its packets show no reading of any sensor")

@@ -186,9 +186,9 @@ def _take(
 
 def _track(times: array[float], readings: array[float], columns: _Columns) -> Track:
     of_sensor = columns.factor * np.frombuffer(readings, dtype=np.float64).reshape(-1, 3)
-    return Track(np.frombuffer(times, dtype=np.float64), in_body_axes(of_sensor, columns.axes))
+    return Track(np.frombuffer(times, dtype=np.float64), rotate_to_body(of_sensor, columns.axes))
 
 
-def in_body_axes(readings: Reals, axes: Sequence[tuple[int, int]]) -> Reals:
+def rotate_to_body(readings: Reals, axes: Sequence[tuple[int, int]]) -> Reals:
     """Return readings, shape (n, 3), along the body's axes, each given as the sensor's axis and its sign."""
     return np.column_stack([sign * readings[:, axis] for axis, sign in axes])

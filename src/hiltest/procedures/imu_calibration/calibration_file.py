@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hiltest.calibration.c_source import c_constant, comment_text
 from hiltest.json_files import json_text, read_as, read_json
-from hiltest.procedures.imu_calibration.contents import SCHEMA, ImuCalibration, Matrix, Triple
+from hiltest.procedures.imu_calibration.contents import (
+    SCHEMA,
+    AccelerometerPart,
+    GyroscopePart,
+    ImuCalibration,
+    MagnetometerPart,
+)
 
 # Largest size: a calibration file has some 4 kB.
 _LARGEST_BYTES = 1_000_000
@@ -45,35 +50,12 @@ def load_calibration(path: Path) -> CalibrationFile:
 
 def to_header(calibration: ImuCalibration) -> str:
     """Return the text of a C header: C11, float, no code."""
-    parts = [_magnetometer(calibration)]
-    if calibration.accelerometer is not None:
-        part = calibration.accelerometer
-        parts.append(
-            _part(
-                "accelerometer",
-                part.sensor,
-                part.method,
-                part.formula,
-                [
-                    ("gain", part.units.gain, part.gain),
-                    ("offset", part.units.offset, part.offset),
-                ],
-            )
-        )
-    if calibration.gyroscope is not None:
-        gyroscope = calibration.gyroscope
-        parts.append(
-            _part(
-                "gyroscope",
-                gyroscope.sensor,
-                gyroscope.method,
-                gyroscope.formula,
-                [
-                    ("matrix", gyroscope.units.matrix, gyroscope.matrix),
-                    ("bias", gyroscope.units.bias, gyroscope.bias),
-                ],
-            )
-        )
+    sensors = {
+        "magnetometer": calibration.magnetometer,
+        "accelerometer": calibration.accelerometer,
+        "gyroscope": calibration.gyroscope,
+    }
+    parts = [_part_text(name, part) for name, part in sensors.items() if part is not None]
     origin = calibration.made_on
     lines = [
         "/*",
@@ -87,24 +69,7 @@ def to_header(calibration: ImuCalibration) -> str:
     return "\n".join([*lines, f"#ifndef {_GUARD}", f"#define {_GUARD}", "", *parts, "#endif", ""])
 
 
-def _magnetometer(calibration: ImuCalibration) -> str:
-    part = calibration.magnetometer
-    return _part(
-        "magnetometer",
-        part.sensor,
-        part.method,
-        part.formula,
-        [
-            ("soft_iron", part.units.soft_iron, part.soft_iron),
-            ("hard_iron", part.units.hard_iron, part.hard_iron),
-            ("hard_iron_ut", part.units.hard_iron_ut, part.hard_iron_ut),
-        ],
-    )
-
-
-def _part(
-    name: str, sensor: str, method: str, formula: str, numbers: Sequence[tuple[str, str, Matrix | Triple]]
-) -> str:
-    lines = [f"/* {comment_text(sensor)}, {comment_text(method)}: {formula} */"]
-    lines += [c_constant(f"{name}_{quantity}", values, unit) for quantity, unit, values in numbers]
+def _part_text(name: str, part: MagnetometerPart | AccelerometerPart | GyroscopePart) -> str:
+    lines = [f"/* {comment_text(part.sensor)}, {comment_text(part.method)}: {part.formula} */"]
+    lines += [c_constant(f"{name}_{field}", getattr(part, field), unit) for field, unit in asdict(part.units).items()]
     return "\n".join([*lines, ""])

@@ -289,6 +289,6 @@ def _fit_figures(run: CalibratorRun, tumble: Tumble) -> FitFigures:
         n=len(points),
         residual_percent=run.residual_percent,
         axis_ratio=float(np.linalg.cond(run.soft_iron)),
-        radius_ut=MICROTESLA_PER_COUNT * abs(float(np.linalg.det(run.soft_iron))) ** (-1.0 / 3.0),
+        radius_ut=MICROTESLA_PER_COUNT * run.result.radius,
         direction_error_deg=None if predicted is None else predicted.rms_deg,
     )

@@ -22,8 +22,8 @@ _WIDTH = panel_width(2, 2)
 _THESIS = (("thesis: 168 N + 2600", 168.0, 2600.0), ("thesis: 2860 N", 2860.0, 0.0))
 _CURVE_COLUMNS = {
     "calibrator": "calibrator",
-    "points": "of points",
-    "kind": "effort in",
+    "points": "points",
+    "kind": "unit of effort",
     "effort": "effort",
     "cycles": "cycles",
     "fit": "fit",
@@ -125,9 +125,9 @@ def _law(run: Run, name: str) -> str:
     line = "" if per_point is None or fixed is None else f"{per_point:.1f} n + {format_number(fixed)}"
     line += f" + {sweeps:.0f} sweeps of {format_number(sweep)}" if line and sweeps and sweep else ""
     worst, distance = _value(run, f"heading.{name}.max"), _value(run, f"cycles.{name}.float64_distance")
-    bought = "" if distance is None else f"{distance:.2g} deg from float64 on even samples"
-    bought = bought if worst is None else f"worst heading {worst:.2f} deg"
-    return "; ".join(filter(None, (f"{name}: {line or 'cycles'}", bought)))
+    accuracy = "" if distance is None else f"{distance:.2g} deg from float64 on even samples"
+    accuracy = accuracy if worst is None else f"worst heading {worst:.2f} deg"
+    return "; ".join(filter(None, (f"{name}: {line or 'cycles'}", accuracy)))
 
 
 def budget_group(run: Run) -> FigureGroup | None:
@@ -140,10 +140,10 @@ def budget_group(run: Run) -> FigureGroup | None:
     return FigureGroup(
         "budget",
         "Error against cycle budget",
-        "Each calibrator with more and more effort on the same points: a closed form with more of them, one that "
-        "iterates with more sweeps, a streaming calibrator with more points received. Mean over the known angles. "
-        "Hollow: only a sphere was fitted, no ellipsoid. Vertical lines: the cycles that the thesis counts for its "
-        "own calibrator and for the library's.",
+        "Each calibrator with increasing effort on the same points: closed forms use more points, iterative solvers "
+        "more sweeps, streaming calibrators more received points. Errors are means over the known angles. Hollow marks "
+        "are fits of a sphere, without an ellipsoid. Vertical lines are the thesis' cycles for its own calibrator and "
+        "for the library's.",
         figures,
         short="Budget",
         numbers=[Sheet("Every effort", list(_CURVE_COLUMNS.values()), list(zip(*columns, strict=True)))],

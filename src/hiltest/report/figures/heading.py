@@ -38,7 +38,7 @@ def heading_group(run: Run) -> FigureGroup | None:
         FigureGroup(
             "heading",
             "Heading error at known angles",
-            "The board's heading minus the angle of the turntable. Only the declared mounting is subtracted.",
+            "The board's heading minus the turntable's angle and the declared mounting.",
             [
                 _panel(name, _poses(table, series), limits[name], top, panel_width(len(errors), _MOST))
                 for name, series in errors.items()

@@ -34,7 +34,7 @@ def gyroscope_group(run: Run) -> FigureGroup | None:
     limits = limit_figure(run.measurements, Section.GYROSCOPE, "Share of each gyroscope limit")
     return _group(
         "Gyroscope",
-        "The bias comes from an earlier rest than the one of the check, scale and axes from whole turns of the table.",
+        "The bias was measured at an earlier rest than the checked one, scale and axes during full turns of the table.",
         limits,
         _rest_figure(run),
         _noise_figure(run),

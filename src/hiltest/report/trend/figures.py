@@ -9,7 +9,7 @@ from itertools import groupby
 from hiltest.measurement import Limit
 from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure, Point, Sheet, nice_ticks
-from hiltest.report.trend.series import Measured, Series
+from hiltest.report.trend.series import MeasurementTrend, Series
 from hiltest.report.trend.series import Point as At
 from hiltest.run_record.comparison import Change
 from hiltest.text import format_number
@@ -28,7 +28,7 @@ _LEAST_RANGE = 2e-3
 _NEAR = 2.5
 
 
-def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: float = 340.0) -> Figure:
+def figure(measured: MeasurementTrend, names: Sequence[str], *, more: str = "", width: float = 340.0) -> Figure:
     """Draw a measurement over entries that are numbered from 1, with one line per set of conditions.
 
     Parameters
@@ -67,7 +67,7 @@ def figure(measured: Measured, names: Sequence[str], *, more: str = "", width: f
     return drawn
 
 
-def _sheet(measured: Measured, names: Sequence[str]) -> Sheet:
+def _sheet(measured: MeasurementTrend, names: Sequence[str]) -> Sheet:
     """Return the value of each run; for several seeds also the lowest and the highest."""
     points = sorted(
         (point for line_series in measured.series for point in line_series.points), key=lambda point: point.entry
@@ -118,7 +118,7 @@ def _drop_level_points(points: Sequence[Point]) -> list[Point]:
     return [points[0], *corners, points[-1]]
 
 
-def _y_range(measured: Measured, scale: float) -> tuple[float, float]:
+def _y_range(measured: MeasurementTrend, scale: float) -> tuple[float, float]:
     points = [point for line_series in measured.series for point in line_series.points]
     low, high = min(point.low for point in points), max(point.high for point in points)
     furthest = max(abs(low), abs(high))
@@ -135,7 +135,7 @@ def _sides(limit: Limit | None) -> list[float]:
     return [] if limit is None else [side for side in (limit.min, limit.max) if side is not None]
 
 
-def _scale(measured: Measured) -> tuple[float, str]:
+def _scale(measured: MeasurementTrend) -> tuple[float, str]:
     """Return a divisor that makes the values' digits fit beside the axis, and the unit with it."""
     points = [point for line_series in measured.series for point in line_series.points]
     largest = max(abs(value) for point in points for value in (point.low, point.high))
@@ -150,7 +150,7 @@ def _run_ticks(entries: int) -> Sequence[float]:
     return [tick for tick in nice_ticks(1.0, float(entries)) if tick == int(tick)]
 
 
-def _plot_description(measured: Measured) -> str:
+def _plot_description(measured: MeasurementTrend) -> str:
     """Return a description of the plot, for readers who do not see it."""
     first = min((line_series.points[0] for line_series in measured.series), key=lambda point: point.entry)
     last = max((line_series.points[-1] for line_series in measured.series), key=lambda point: point.entry)

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePosixPath
 
 from hiltest.errors import ConfigError
-from hiltest.json_files import read_json, shown
+from hiltest.json_files import shown
 from hiltest.report.trend.series import RunEntry
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
 from hiltest.run_record.journal import JOURNAL_FILE
-from hiltest.run_record.reader import read_record, record_in
+from hiltest.run_record.reader import check_record, find_record
 from hiltest.run_record.run import SCHEMA as RUN_SCHEMA
 from hiltest.run_record.run import Run
 from hiltest.verdict.baseline import SCHEMA as BASELINE_SCHEMA
-from hiltest.verdict.baseline_file import evidence_in
-from hiltest.verdict.evidence import Evidence, evidence_of, evidence_of_seeds
+from hiltest.verdict.baseline import evidence_from
+from hiltest.verdict.baseline_file import read_baseline
+from hiltest.verdict.evidence import evidence_of, evidence_of_seeds
 
 _RECORDS = frozenset({RUN_FILE, JOURNAL_FILE})
 _OTHERWISE = "nothing of it is shown"
@@ -72,7 +73,7 @@ def read_folder(folder: Path) -> tuple[list[RunEntry], list[Skipped]]:
         runs = [current] if _RECORDS & set(files) else []
         for path in [*runs, *(current / file for file in sorted(files) if _may_be_record(file))]:
             try:
-                entries += _entries(path, _relative_name(path, folder))
+                entries += _entries(path, folder)
             except ConfigError as error:
                 skip(path, str(error))
     return _campaigns(entries), skipped
@@ -93,26 +94,22 @@ def _may_be_record(name: str) -> bool:
     return name.endswith(".json") and name not in _RECORDS
 
 
-def _entries(path: Path, entry_name: str) -> Iterator[RunEntry]:
+def _entries(path: Path, folder: Path) -> Iterator[RunEntry]:
     """Yield the run or baseline in a file or folder; other files of hiltest yield nothing."""
-    if path.is_dir():
-        stored = read_record(path)
-        yield _run_entry(stored.run, stored.path, f"{entry_name}/{stored.path.name}".removeprefix("./"))
-        return
-    file = read_json(path, otherwise=_OTHERWISE)
-    family = str(file.schema).partition("/")[0]
-    if family == BASELINE_SCHEMA.partition("/")[0]:
-        evidence = evidence_in(file)
+    file = find_record(path, otherwise=_OTHERWISE)
+    entry_name = _relative_name(file.path, folder)
+    if file.has_family(BASELINE_SCHEMA):
+        evidence = evidence_from(read_baseline(file), entry_name, file.sha256)
         knows_limits = any(
             measurement.limit
             for measurements in evidence.measurements.values()
             for measurement in measurements.values()
         )
         when_utc = _time(evidence.side.saved_utc, path)
-        yield _check_size(RunEntry(entry_name, when_utc, _set_file(evidence, entry_name), knows_limits), path)
-    elif family == RUN_SCHEMA.partition("/")[0]:
-        yield _run_entry(record_in(file).run, path, entry_name)
-    elif not family.startswith("hiltest."):
+        yield _check_size(RunEntry(entry_name, when_utc, evidence, knows_limits), path)
+    elif path.is_dir() or file.has_family(RUN_SCHEMA):
+        yield _run_entry(check_record(file).run, file.path, entry_name)
+    elif not str(file.schema).startswith("hiltest."):
         raise ConfigError(f"{path}: not a record of hiltest: schema is {shown(file.schema)}")
 
 
@@ -129,10 +126,6 @@ def _check_size(entry: RunEntry, path: Path) -> RunEntry:
             if measurement.value is not None and abs(measurement.value) > _LARGEST:
                 raise ConfigError(f"{path}: {shown(measurement.name)} is {measurement.value:g}, which nothing measures")
     return entry
-
-
-def _set_file(evidence: Evidence, entry_name: str) -> Evidence:
-    return replace(evidence, side=replace(evidence.side, file=entry_name))
 
 
 def _time(text: str, path: Path) -> str:

@@ -19,7 +19,7 @@ from hiltest.report.page import render
 from hiltest.report.trend import words
 from hiltest.report.trend.figures import change_point_key, figure
 from hiltest.report.trend.folder import Skipped
-from hiltest.report.trend.series import ChangePoint, Measured, Point, RunEntry, Series, Trend, TrendLine
+from hiltest.report.trend.series import ChangePoint, MeasurementTrend, Point, RunEntry, Series, Trend, TrendLine
 from hiltest.run_record.comparison import Change
 from hiltest.verdict.wording import build, numbers, revision
 
@@ -72,7 +72,7 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
     )
 
 
-def _plots(trend: Trend, heading: str, measured: Sequence[Measured]) -> FigureGroup:
+def _plots(trend: Trend, heading: str, measured: Sequence[MeasurementTrend]) -> FigureGroup:
     names = [words.run_name(trend, index) for index in range(len(trend.entries))]
     width = panel_width(len(measured), _MOST)
     drawn = [figure(measurement, names, more=words.under(trend, measurement), width=width) for measurement in measured]
@@ -107,7 +107,7 @@ def print_trend(trend: Trend, console: Console, *, every: bool) -> None:
     console.print(escape(words.sentence(trend)), soft_wrap=True)
 
 
-def _grid(trend: Trend, measured: list[Measured]) -> Table:
+def _grid(trend: Trend, measured: list[MeasurementTrend]) -> Table:
     grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in words.HEADINGS:
         grid.add_column(heading, justify="right" if heading in words.NUMERIC else "left", overflow="fold")
@@ -127,7 +127,7 @@ def _entry(entry: RunEntry) -> dict[str, Any]:
     return {**side, "file": entry.file, "when_utc": entry.when_utc, "faults": list(entry.evidence.faults)}
 
 
-def _measured(measured: Measured) -> dict[str, Any]:
+def _measured(measured: MeasurementTrend) -> dict[str, Any]:
     return {"name": measured.name, "unit": measured.unit, "series": [_series(series) for series in measured.series]}
 
 

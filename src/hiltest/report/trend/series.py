@@ -82,7 +82,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasurementTrend:
     """One measurement over all entries."""
 
     name: str
@@ -110,7 +110,7 @@ class Trend:
     entries: tuple[RunEntry, ...]
     lines: tuple[TrendLine, ...]
     line_of: tuple[int, ...]
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasurementTrend, ...]
 
     @property
     def change_points(self) -> tuple[ChangePoint, ...]:
@@ -143,7 +143,7 @@ def trend_of(entries: Sequence[RunEntry]) -> Trend:
     for number, indices in enumerate(lines.values()):
         for key, numbers in _numbers(in_time, indices).items():
             series.setdefault((key.name, key.unit), []).append(_series(key, number, in_time, numbers))
-    measured = tuple(Measured(name, unit, tuple(series[name, unit])) for name, unit in sorted(series))
+    measured = tuple(MeasurementTrend(name, unit, tuple(series[name, unit])) for name, unit in sorted(series))
     numbers_of = {line: number for number, line in enumerate(lines)}
     return Trend(in_time, tuple(lines), tuple(numbers_of[line] for line in line_of), measured)
 

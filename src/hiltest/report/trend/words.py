@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from hiltest.report.trend.series import ChangePoint, Measured, Trend, TrendLine
+from hiltest.report.trend.series import ChangePoint, MeasurementTrend, Trend, TrendLine
 from hiltest.text import format_number
 from hiltest.verdict.evidence import Evidence
 from hiltest.verdict.wording import counted_by, model_names, numbers, revision
@@ -34,18 +34,18 @@ def run_name(trend: Trend, index: int) -> str:
     return f"run {index + 1}" + (f" ({made_for})" if made_for else "")
 
 
-def models(measured: Iterable[Measured]) -> str:
+def models(measured: Iterable[MeasurementTrend]) -> str:
     """Return the cycle models of measurements; empty if none is a count of cycles."""
     return counted_by(_models(measured))
 
 
-def under(trend: Trend, measured: Measured) -> str:
+def under(trend: Trend, measured: MeasurementTrend) -> str:
     """Return the text after the name of a plot: the limit, and among several cycle models its own."""
     limit = f"limit {measured.limit}" if measured.limit else ""
     return "".join(f", {text}" for text in (limit, _own_model(trend, measured)) if text)
 
 
-def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
+def rows(trend: Trend, measured: Iterable[MeasurementTrend]) -> Iterator[tuple[str, ...]]:
     """Yield measurements under `HEADINGS`; the last cell counts change points and names the run of the last one.
 
     If several models counted cycles of the trend, the unit of a count names its model.
@@ -55,17 +55,17 @@ def rows(trend: Trend, measured: Iterable[Measured]) -> Iterator[tuple[str, ...]
         yield _row(measurement, f"{measurement.unit} {counted}" if counted else measurement.unit)
 
 
-def _models(measured: Iterable[Measured]) -> Iterator[str]:
+def _models(measured: Iterable[MeasurementTrend]) -> Iterator[str]:
     return (series.cycle_model for measurement in measured for series in measurement.series)
 
 
-def _own_model(trend: Trend, measured: Measured) -> str:
+def _own_model(trend: Trend, measured: MeasurementTrend) -> str:
     several = len(set(filter(None, _models(trend.measured)))) > 1
     names = model_names(_models([measured]))
     return f"counted by {names}" if several and names else ""
 
 
-def _row(measured: Measured, unit: str) -> tuple[str, ...]:
+def _row(measured: MeasurementTrend, unit: str) -> tuple[str, ...]:
     points = sorted((point for series in measured.series for point in series.points), key=lambda point: point.entry)
     steps = measured.change_points
     return (

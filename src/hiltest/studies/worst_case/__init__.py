@@ -1,4 +1,4 @@
-"""The most cycles of a function: a search over its inputs, and a file of the worst input for replay."""
+"""Worst case of a function: a search for the input with the most cycles, and a file with that input."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Arguments of a function with open numbers: ``LOW..HIGH``, and ``TYPE:COUNT:LOW..HIGH`` for many of a type.
+"""Arguments of a function with ranges of numbers: ``LOW..HIGH``, or ``TYPE:COUNT:LOW..HIGH`` for an array.
 
-Other arguments are as in `hiltest.virtual.profiling.arguments`. An input is the texts with numbers in these places, so
-that ``hiltest profile`` accepts the result unchanged.
+Other arguments are as in `hiltest.virtual.profiling.arguments`. An input is the arguments with numbers in place of the
+ranges, so that ``hiltest profile`` accepts the result unchanged.
 """
 
 from __future__ import annotations
@@ -26,42 +26,41 @@ _RANGE = re.compile(
     rf"(?:(?P<type>(?:u?int(?:8|16|32|64)|float(?:32|64))):(?P<count>[0-9]+):)?(?P<low>{_NUMBER})\.\.(?P<high>{_NUMBER})"
 )
 _FILE = re.compile(r"(?:^|[:+])@")
-_MOST_NUMBERS = 100_000  # more bytes than the RAM holds
-# Limit below which doubles can represent all integers.
-_LARGEST = 1 << 53
+_MOST_NUMBERS = 100_000  # more than fit into the RAM
+_LARGEST = 1 << 53  # below this, doubles can represent all integers
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Range of the open numbers of one place."""
+    """Range of a number, or of the numbers of an array."""
 
     low: float
     high: float
     is_whole: bool
-    """True if only whole numbers are allowed: both ends are integers, and the type is not a float."""
+    """True if both ends are integers and the type is not a float; the numbers are then integers."""
     is_single: bool = False
     """True if the type is float32."""
 
     @classmethod
-    def of(cls, match: re.Match[str]) -> Range:
-        """Read a range.
+    def from_match(cls, match: re.Match[str]) -> Range:
+        """Return the range in a match of its pattern.
 
         Raises
         ------
         ConfigError
-            If its ends are not in order, or the type cannot represent them.
+            If the ends are not in order, or the type cannot represent them.
         """
         low, high = (_number(match[end]) for end in ("low", "high"))
         kind = match["type"] or ""
         is_whole = isinstance(low, int) and isinstance(high, int) and not kind.startswith("float")
         if not low < high:
-            raise ConfigError(f"{match[0]!r}: the lower end comes first, and the upper one is higher")
+            raise ConfigError(f"{match[0]!r}: write LOW..HIGH, with LOW less than HIGH")
         if not (math.isfinite(high - low) and max(abs(low), abs(high)) < _LARGEST) and is_whole:
-            raise ConfigError(f"{match[0]!r}: whole numbers are searched below 2**53")
+            raise ConfigError(f"{match[0]!r}: whole numbers must be below 2**53")
         if "int" in kind:
-            holds = np.iinfo(kind)
-            if not is_whole or low < holds.min or high > holds.max:
-                raise ConfigError(f"{match[0]!r}: {kind} holds whole numbers from {holds.min} to {holds.max}")
+            limits = np.iinfo(kind)
+            if not is_whole or low < limits.min or high > limits.max:
+                raise ConfigError(f"{match[0]!r}: {kind} has whole numbers from {limits.min} to {limits.max}")
         return cls(low, high, is_whole, kind == "float32")
 
     def text(self, number: float) -> str:
@@ -73,7 +72,7 @@ class Range:
 
 
 def parse_range(text: str) -> Range:
-    """Read one range, or one number as both ends.
+    """Read a range, or a number as both ends of a range.
 
     Raises
     ------
@@ -81,7 +80,7 @@ def parse_range(text: str) -> Range:
         If it is neither.
     """
     if (match := _RANGE.fullmatch(text)) and not match["type"]:
-        return Range.of(match)
+        return Range.from_match(match)
     if re.fullmatch(_NUMBER, text):
         return Range(_number(text), _number(text), is_whole=False)
     raise ConfigError(f"{text!r}: write LOW..HIGH, or one number")
@@ -95,7 +94,7 @@ def _number(text: str) -> int | float:
 
 
 class ArgumentRanges:
-    """The possible arguments of a function of an ELF.
+    """The inputs of a function of an ELF, within ranges of its arguments.
 
     Parameters
     ----------
@@ -105,36 +104,36 @@ class ArgumentRanges:
     Raises
     ------
     ConfigError
-        If there is no such function, an argument is invalid, or none has an open number.
+        If there is no such function, an argument is invalid, or no argument has a range.
     """
 
     def __init__(self, elf: Path, function: str, texts: Sequence[str], returns: Range | None) -> None:
         self._board = board_for(elf)
         self._function, self._returns = find_function(self._board.image, function).name, returns
         self._pieces: list[list[str | Range]] = [_pieces(text) for text in texts]
-        self._open = [piece for pieces in self._pieces for piece in pieces if isinstance(piece, Range)]
-        if not self._open:
+        self._ranges = [piece for pieces in self._pieces for piece in pieces if isinstance(piece, Range)]
+        if not self._ranges:
             raise ConfigError(
-                f"{function}: no argument leaves a number open; write LOW..HIGH for one, or "
-                "int16:100:LOW..HIGH for a hundred by address"
+                f"{function}: no argument has a range; write LOW..HIGH for a number, or int16:100:LOW..HIGH for an "
+                "array of a hundred numbers"
             )
-        if len(self._open) > _MOST_NUMBERS:
-            raise ConfigError(f"{function}: {len(self._open)} numbers are left open, and no RAM holds them")
-        self.bounds = np.array([(range_.low, range_.high) for range_ in self._open], dtype=np.float64)
+        if len(self._ranges) > _MOST_NUMBERS:
+            raise ConfigError(f"{function}: {len(self._ranges)} numbers do not fit into the RAM")
+        self.bounds = np.array([(range_.low, range_.high) for range_ in self._ranges], dtype=np.float64)
 
-    def made(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the numbers as they are."""
+    def make_input(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the numbers, which are the input."""
         return numbers.copy()
 
-    def varied(self, base: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-        """Vary a few numbers: by little or much, to a random value, to an end, or to the value of another one."""
+    def vary(self, base: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
+        """Change some numbers: by a step, to a random value, to an end of the range, or to another number's value."""
         low, high = self.bounds.T
         numbers = base.copy()
         for k in random.integers(len(base), size=round(len(base) ** random.random())):
             width, choice = high[k] - low[k], random.random()
             if choice < 0.6:
                 step = width * 10.0 ** random.uniform(-6.0, 0.0) * random.standard_normal()
-                numbers[k] += math.copysign(max(abs(step), 1.0), step) if self._open[k].is_whole else step
+                numbers[k] += math.copysign(max(abs(step), 1.0), step) if self._ranges[k].is_whole else step
             elif choice < 0.8:
                 numbers[k] = random.uniform(low[k], high[k])
             elif choice < 0.9:
@@ -143,8 +142,8 @@ class ArgumentRanges:
                 numbers[k] = numbers[random.integers(len(base))]
         return np.clip(numbers, low, high)
 
-    def kept(self, numbers: NDArray[np.float64]) -> dict[str, tuple[str, ...]]:
-        """Return the arguments in the form of a saved worst case."""
+    def saved_fields(self, numbers: NDArray[np.float64]) -> dict[str, tuple[str, ...]]:
+        """Return the arguments as fields of a `WorstCase`."""
         return {"arguments": self._texts(numbers)}
 
     def _texts(self, values: NDArray[np.float64]) -> tuple[str, ...]:
@@ -160,7 +159,7 @@ class ArgumentRanges:
         Raises
         ------
         BoardFault
-            The function faulted or hung; the message has the arguments.
+            If the function faults or hangs; the message has the arguments.
         """
         texts = self._texts(numbers)
         try:
@@ -180,14 +179,14 @@ class ArgumentRanges:
 
 
 def refuse_files(texts: Sequence[str]) -> None:
-    """Refuse an argument that is a file's content, because the saved case would be incomplete."""
+    """Reject arguments with the content of files, because a saved case would be incomplete."""
     for text in texts:
         if not text.startswith("text:") and _FILE.search(text):
-            raise ConfigError(f"{text!r}: a file's content cannot be kept with the arguments; write its numbers")
+            raise ConfigError(f"{text!r}: the content of a file cannot be saved with the arguments; write its numbers")
 
 
 def _pieces(text: str) -> list[str | Range]:
-    """Split an argument at its open numbers."""
+    """Split an argument at its ranges."""
     refuse_files([text])
     if text.startswith("text:"):
         return [text]
@@ -196,13 +195,13 @@ def _pieces(text: str) -> list[str | Range]:
     for match in _RANGE.finditer(text):
         pieces.append(text[end : match.start()])
         end = match.end()
-        part = Range.of(match)
+        part = Range.from_match(match)
         if not match["type"]:
             pieces.append(part)
             continue
         count = int(match["count"]) if len(match["count"]) < 7 else 0
         if not 1 <= count <= _MOST_NUMBERS:
-            raise ConfigError(f"{match[0]!r}: at least one number, and no more than the RAM holds")
+            raise ConfigError(f"{match[0]!r}: write at least one number, and not more than fit into the RAM")
         pieces.append(f"{match['type']}:")
         for k in range(count):
             pieces += [part] if k == 0 else [",", part]

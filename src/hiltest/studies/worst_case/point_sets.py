@@ -1,4 +1,4 @@
-"""Sets of magnetometer points as the input of a calibrator of the firmware."""
+"""Sets of magnetometer points, as inputs of the firmware's calibrators."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ Points = NDArray[np.int16]
 MOST_POINTS = 512
 """Capacity of the firmware's buffer."""
 _COUNTS = np.iinfo(np.int16)
-# Bounds of the parameters of a world and its points, after the number of points.
+# Bounds of the parameters of a world and its points, which follow the number of points.
 _WORLD = (
-    (25.0, 65.0),  # the earth's field, from the South Atlantic to the poles [uT]
-    (0.0, 2.0),  # noise of a point on each axis, five times that of the default rig's part [uT]
+    (25.0, 65.0),  # strength of the earth's field, from the South Atlantic to the poles [uT]
+    (0.0, 2.0),  # noise of a point on each axis, up to five times that of the default rig's sensor [uT]
     (0.1, 1.0),  # share of the sphere that the points cover: a cap about an axis
-    (-1.0, 1.0),
-    (0.0, 2.0 * np.pi),  # that axis: its third coordinate, and its azimuth
-    *((0.6, 1.4),) * 3,
-    *((-0.25, 0.25),) * 3,  # symmetric soft iron, diagonal and off-diagonal: never singular
+    (-1.0, 1.0),  # third coordinate of that axis
+    (0.0, 2.0 * np.pi),  # azimuth of that axis [rad]
+    *((0.6, 1.4),) * 3,  # diagonal of the symmetric soft iron
+    *((-0.25, 0.25),) * 3,  # its other elements; the matrix is never singular
     *((-100.0, 100.0),) * 3,  # hard iron, as in the studies [uT]
     (0.0, 1e6),  # index of the set of random numbers
 )
 
 
 class PointSets:
-    """The possible point sets of a calibrator.
+    """The inputs of a calibrator.
 
     Parameters
     ----------
     name
         Name of the calibrator.
     most_points
-        Largest set; the smallest has `hiltest.calibration.fit.ELLIPSOID_UNKNOWNS` points.
+        Size of the largest set; the smallest has `hiltest.calibration.fit.ELLIPSOID_UNKNOWNS` points.
     """
 
     def __init__(self, calibrators: BoardCalibrators, name: str, most_points: int) -> None:
         self._calibrators, self._name, self._most = calibrators, name, most_points
         self.bounds = np.array([(ELLIPSOID_UNKNOWNS, most_points), *_WORLD])
 
-    def made(self, numbers: NDArray[np.float64]) -> Points:
+    def make_input(self, numbers: NDArray[np.float64]) -> Points:
         """Draw the points of a world."""
         count, strength_ut, noise_ut, share, height, azimuth = numbers[:6]
         iron = np.diag(numbers[6:9])
@@ -54,8 +54,8 @@ class PointSets:
         noise = random.standard_normal(directions.shape)
         return _round_counts(COUNTS_PER_UT * (strength_ut * directions @ iron + numbers[12:15] + noise_ut * noise))
 
-    def varied(self, base: Points, random: np.random.Generator) -> Points:
-        """Distort all points a little, or change some of them, their number, or their order."""
+    def vary(self, base: Points, random: np.random.Generator) -> Points:
+        """Distort all points slightly, or change some of them, their number or their order."""
         points = base.astype(np.float64)
         choice = random.random()
         if choice < 0.2:
@@ -70,7 +70,7 @@ class PointSets:
             return np.delete(base, random.integers(len(points)), axis=0)
         if choice < 0.4:
             return random.permutation(base)
-        # Mostly a few, rarely most of them.
+        # Usually a few points, rarely most of them.
         some = random.integers(len(points), size=round(len(points) ** random.random()))
         if choice < 0.9:
             points[some] += 10.0 ** random.uniform(0.0, 3.0, (len(some), 1)) * random.standard_normal((len(some), 3))
@@ -79,12 +79,12 @@ class PointSets:
         return _round_counts(points)
 
     def call(self, points: Points) -> Call:
-        """Calibrate from the points; only an ellipsoid counts as success."""
+        """Run the calibrator on the points; only an ellipsoid counts as success."""
         fit, cycles = self._calibrators.calibrate(self._name, points.astype(np.float64))
         return Call(cycles, int(fit.status), fit.status is FitStatus.ELLIPSOID)
 
-    def kept(self, points: Points) -> dict[str, tuple[tuple[int, ...], ...]]:
-        """Return the points in the form of a saved worst case."""
+    def saved_fields(self, points: Points) -> dict[str, tuple[tuple[int, ...], ...]]:
+        """Return the points as fields of a `WorstCase`."""
         return {"points": tuple(map(tuple, points.tolist()))}
 
 

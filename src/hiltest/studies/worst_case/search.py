@@ -1,9 +1,9 @@
 """A seeded evolutionary search for the input with the most cycles.
 
-Differential evolution (Storn and Price, 1997) explores the whole range of the inputs; a local search continues from its
-worst input, varies the input itself and accepts each variation that is at least as bad. Equal ones are accepted because
-cycles change in steps of a loop's cost, with plateaus between. A local search without progress ends, and another
-evolution begins.
+Differential evolution (Storn and Price, 1997) explores the range of all inputs. A local search continues from its worst
+input: it varies the input, and accepts each variation that has at least as many cycles. Equal numbers are accepted,
+because cycles change in steps of a loop's cost, between which they are constant. When a local search makes no more
+progress, another evolution begins.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ Progress = Callable[[int, float, int], None]
 
 _POPULATION = 40
 _EXPLORED = 600  # calls of one evolution: fifteen generations
-_STUCK = 1500  # calls of a local search without progress, after which it ends
-# Far more cycles than any call has, so that a refused input ranks above none, and below any that counts.
+_STUCK = 1500  # calls without progress after which a local search ends
+# Far more cycles than any call has, so that refused inputs are worse candidates than all others.
 _REFUSED = 1e15
 
 
@@ -35,32 +35,32 @@ class Call:
     returned: int | float | None
     """Return value; for a calibrator the status of the fit."""
     counts: bool
-    """True if the call succeeded: only then it can be a worst case."""
+    """True if the call succeeded; only such calls can be the worst case."""
 
     @property
     def rank(self) -> tuple[bool, int]:
-        """Rank of a call, highest for the worst."""
+        """Sort key, which is highest for the worst call."""
         return self.counts, self.cycles
 
 
 class Problem(Protocol[Input]):
-    """A function, and its possible inputs."""
+    """A function and its inputs."""
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Bounds of each number that defines an input, shape (k, 2)."""
+        """Bounds of the numbers that define an input, shape (k, 2)."""
 
-    def made(self, numbers: NDArray[np.float64]) -> Input:
-        """Create an input from such numbers, shape (k,)."""
+    def make_input(self, numbers: NDArray[np.float64]) -> Input:
+        """Return the input that numbers within the bounds define, shape (k,)."""
 
-    def varied(self, base: Input, random: np.random.Generator) -> Input:
+    def vary(self, base: Input, random: np.random.Generator) -> Input:
         """Return a variation of an input."""
 
     def call(self, candidate: Input) -> Call:
         """Call the function."""
 
-    def kept(self, candidate: Input) -> Mapping[str, Any]:
-        """Return the input as fields of a saved worst case."""
+    def saved_fields(self, candidate: Input) -> Mapping[str, Any]:
+        """Return the input as fields of a `WorstCase`."""
 
 
 @dataclass(slots=True)
@@ -68,9 +68,9 @@ class Budget:
     """Limits of a search."""
 
     calls: int | None = None
-    """Number of calls, which with the seed determines the result."""
+    """Number of calls, which determines the result together with the seed."""
     seconds: float | None = None
-    """Wall time [s]. One of the two limits is set."""
+    """Wall time [s]; either this or `calls` is set."""
     asked_to_end: Callable[[], bool] = lambda: False
     """Returns whether to end after the current call."""
 
@@ -82,15 +82,14 @@ class Budget:
 
 
 @dataclass(frozen=True, slots=True)
-class Found(Generic[Input]):
+class SearchResult(Generic[Input]):
     """Result of a search."""
 
     worst_input: Input
-    """Worst input."""
     call: Call
-    """Call of the worst input; one that does not count if none does."""
+    """Call with the worst input; it does not count if no call does."""
     refused_cycles: int | None
-    """Most cycles of a call that does not count."""
+    """Most cycles of a call that does not count; None without such a call."""
     calls: int
     elapsed_s: float
 
@@ -111,7 +110,7 @@ class _Search(Generic[Input]):
         self._worst: tuple[Input, Call] | None = None
 
     def call(self, candidate: Input) -> Call:
-        """Call the function, and record the worst case; the first call ignores the budget."""
+        """Call the function, and record the worst case; the budget does not apply to the first call."""
         elapsed_s = time.monotonic() - self._began_s
         if self._worst is not None and self._budget.is_spent(self._calls, elapsed_s):
             raise _SpentError
@@ -125,21 +124,21 @@ class _Search(Generic[Input]):
         return call
 
     def explore(self, random: np.random.Generator) -> tuple[Input, Call]:
-        """Evolve numbers within their bounds; return the worst of them."""
+        """Evolve numbers within their bounds; return the worst input and its call."""
         low, high = self._problem.bounds.T
         tried: list[tuple[Input, Call]] = []
 
         def fitness(numbers: NDArray[np.float64]) -> float:
             if len(tried) == _EXPLORED:
                 raise _ExploredError
-            candidate = self._problem.made(numbers)
+            candidate = self._problem.make_input(numbers)
             call = self.call(candidate)
             tried.append((candidate, call))
             return -call.cycles if call.counts else _REFUSED - call.cycles
 
-        from scipy.optimize import differential_evolution  # 0.4 s, not needed for a replay
+        from scipy.optimize import differential_evolution  # takes 0.4 s, and a replay does not need it
 
-        with suppress(_ExploredError):  # it ends by itself when all members are equal
+        with suppress(_ExploredError):  # the evolution also ends when all members are equal
             differential_evolution(
                 fitness,
                 self._problem.bounds,
@@ -154,26 +153,26 @@ class _Search(Generic[Input]):
         return max(tried, key=lambda pair: pair[1].rank)
 
     def climb(self, start: Input, call: Call, random: np.random.Generator) -> None:
-        """Vary an input, and each variation that is at least as bad, until there is no progress."""
+        """Vary an input, and continue from each variation that is at least as bad, until there is no progress."""
         level = 0
         while level < _STUCK:
-            other = self._problem.varied(start, random)
+            other = self._problem.vary(start, random)
             next_call = self.call(other)
             level = 0 if next_call.rank > call.rank else level + 1
             if next_call.rank >= call.rank:
                 start, call = other, next_call
 
-    def run(self, random: np.random.Generator) -> Found[Input]:
+    def run(self, random: np.random.Generator) -> SearchResult[Input]:
         """Alternate exploration and local search until the budget is spent."""
         with suppress(_SpentError):
             while True:
                 self.climb(*self.explore(random), random)
         assert self._worst is not None
         refused = self._refused_cycles if self._refused_cycles >= 0 else None
-        return Found(*self._worst, refused, self._calls, time.monotonic() - self._began_s)
+        return SearchResult(*self._worst, refused, self._calls, time.monotonic() - self._began_s)
 
 
-def search(problem: Problem[Input], *, seed: int, budget: Budget, progress: Progress) -> Found[Input]:
+def search(problem: Problem[Input], *, seed: int, budget: Budget, progress: Progress) -> SearchResult[Input]:
     """Search for the input with the most cycles.
 
     Parameters
@@ -183,7 +182,7 @@ def search(problem: Problem[Input], *, seed: int, budget: Budget, progress: Prog
 
     Returns
     -------
-    Found
-        Result, which is determined by the seed and the number of calls, whether that was given or reached in the time.
+    SearchResult
+        Result, which is a function of the seed and the number of calls, even if a time limit determines that number.
     """
     return _Search(problem, budget, progress).run(np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""A saved worst case for replay: a file of untrusted JSON."""
+"""Saved worst cases, which can be replayed; the files are untrusted JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hiltest.json_files import json_text, read_as
 from hiltest.studies.board_calibrators import BoardCalibrators
 from hiltest.studies.worst_case.argument_ranges import refuse_files
 from hiltest.studies.worst_case.point_sets import MOST_POINTS, PointSets
-from hiltest.studies.worst_case.search import Call, Found
+from hiltest.studies.worst_case.search import Call, SearchResult
 from hiltest.virtual.profiling.arguments import parse_argument
 from hiltest.virtual.profiling.image import ProfiledImage
 
@@ -25,13 +25,13 @@ SCHEMA: Literal["hiltest.worst-case/1"] = "hiltest.worst-case/1"
 
 _LARGEST_BYTES = 4_000_000  # four times the text of a hundred thousand numbers
 _OTHERWISE = "search again: hiltest profile worst"
-_LONGEST = 60  # characters of arguments that are shown
+_LONGEST = 60  # characters of displayed arguments
 _COUNTS = np.iinfo(np.int16)
 
 
 @dataclass(frozen=True, slots=True)
 class WorstCase:
-    """The most cycles of a function in a search, and the input that causes them."""
+    """Result of a search: the most cycles of a function, and the input that causes them."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "strict": True}
     schema: Literal["hiltest.worst-case/1"]
@@ -56,20 +56,20 @@ class WorstCase:
 
     def __post_init__(self) -> None:
         if not self.function.isprintable() or not self.function:
-            raise ValueError(f"function {self.function!r} is no name")
+            raise ValueError(f"function {self.function!r} is not a name")
         if bool(self.points) == bool(self.arguments):
-            raise ValueError("either points or arguments are kept")
+            raise ValueError("there must be either points or arguments")
         if len(self.points) > MOST_POINTS:
-            raise ValueError(f"{len(self.points)} points, and the firmware holds {MOST_POINTS}")
+            raise ValueError(f"{len(self.points)} points, but the firmware stores {MOST_POINTS}")
         if any(not _COUNTS.min <= count <= _COUNTS.max for point in self.points for count in point):
             raise ValueError("a point is out of the range of int16")
         if self.cycles < 0 or self.calls < 1:
-            raise ValueError("cycles and calls are counted")
+            raise ValueError("cycles must be at least 0, and calls at least 1")
         refuse_files(self.arguments)
 
     @property
-    def said(self) -> str:
-        """The call, in a few words."""
+    def description(self) -> str:
+        """Function and input, shortened for display."""
         input_text = f"{len(self.points)} points" if self.points else " ".join(self.arguments)
         return f"{self.function}({input_text if len(input_text) <= _LONGEST else f'{input_text[:_LONGEST]}...'})"
 
@@ -78,28 +78,31 @@ class WorstCase:
         """The points, shape (n, 3) [counts]."""
         return np.array(self.points, dtype=np.int16).reshape(-1, 3)
 
-    def replayed(self, elf: Path) -> tuple[Call, str]:
+    def replay(self, elf: Path) -> tuple[Call, str]:
         """Call the function of an ELF with the saved input; return the call and its cycle model."""
         if self.points:
             calibrators = BoardCalibrators(elf)
             if self.function not in calibrators.names:
-                raise ConfigError(f"{elf}: no calibrator {self.function!r}: {', '.join(calibrators.names) or 'none'}")
+                names = ", ".join(calibrators.names) or "no calibrators"
+                raise ConfigError(f"{elf}: no calibrator {self.function!r}; the file has {names}")
             call = PointSets(calibrators, self.function, len(self.points)).call(self.counts)
             return call, calibrators.cycle_model
         profile = ProfiledImage(elf).call(self.function, *map(parse_argument, self.arguments))
         return Call(profile.cycles, profile.value, counts=True), profile.cycle_model
 
 
-def case_of(result: Found[Any], saved_input: Mapping[str, Any], elf: Path, function: str, seed: int) -> WorstCase:
-    """Return the worst case of a search; the input is called again, to record the memories that it ran from."""
+def worst_case(
+    result: SearchResult[Any], saved_input: Mapping[str, Any], elf: Path, function: str, seed: int
+) -> WorstCase:
+    """Return the worst case of a search; the call is repeated to record its cycle model."""
     case = WorstCase(
         SCHEMA, function, result.call.cycles, "", elf.name, digest(elf), __version__, seed, result.calls, **saved_input
     )
-    call, cycle_model = case.replayed(elf)
+    call, cycle_model = case.replay(elf)
     if call.cycles != case.cycles:
         raise ConfigError(
-            f"{function} takes {call.cycles} cycles now, and took {case.cycles}: what it does depends on "
-            "the clock, so its worst case cannot be kept"
+            f"{function} takes {call.cycles} cycles when repeated, but took {case.cycles}: it depends on external "
+            "state, so its worst case cannot be saved"
         )
     return replace(case, cycle_model=cycle_model)
 
@@ -110,7 +113,7 @@ def digest(elf: Path) -> str:
 
 
 def to_json(case: WorstCase) -> str:
-    """Return the text of the file."""
+    """Return the content of the file."""
     return json_text(case, numbers_in_line=True) + "\n"
 
 
@@ -120,6 +123,6 @@ def load_worst_case(path: Path) -> WorstCase:
     Raises
     ------
     ConfigError
-        If it cannot be read or is not such a file; the message has the reason.
+        If the file cannot be read, or is not a saved worst case; the message has the reason.
     """
     return read_as(path, WorstCase, SCHEMA, otherwise=_OTHERWISE, largest_bytes=_LARGEST_BYTES)

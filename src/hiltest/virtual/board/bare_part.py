@@ -1,4 +1,4 @@
-"""The private peripherals of a Cortex-M4, and a part that has no others."""
+"""The private peripherals of a Cortex-M4, and a part that has only these."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hiltest.virtual.processor.cpu import Processor
 
 
 def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter, SystemControlSpace]:
-    """Return DWT and the system control space, which every Cortex-M4 has; SysTick counts `core`."""
+    """Return DWT and the system control space, which every Cortex-M4 has; SysTick counts the clock `core`."""
 
     def reset() -> None:
         processor.abort(ResetRequested(ResetSource.SOFTWARE))
@@ -25,12 +25,12 @@ def private_peripherals(processor: Processor, core: Clock) -> tuple[CycleCounter
 
 
 class BarePart:
-    """A part of which only the memories are known: a processor without peripherals of the vendor.
+    """A part with known memories: a processor without peripherals of the vendor.
 
     `unmodelled` stays empty, because any access to a peripheral is an error.
     """
 
-    bites = 0
+    watchdog_resets = 0
 
     def __init__(self, processor: Processor) -> None:
         core = Clock(processor.schedule, processor.now)

@@ -42,7 +42,7 @@ HANG_S = 1.0
 class VirtualCortexM4:
     """A processor with memories, which calls functions of an image and counts their cycles.
 
-    It has no peripherals but the processor's own, and does not start firmware: `VirtualK64F` is a whole board.
+    It has only the processor's own peripherals, and does not boot firmware: `VirtualK64F` is a complete board.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class VirtualCortexM4:
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
         if priced.memory and self.memory != MK64FN1M0:
-            raise ConfigError(f"{priced.name} counts the K64F's memories, not {self.memory}; take {DEFAULT_PROFILE}")
+            raise ConfigError(f"{priced.name} prices the K64F's memories, not {self.memory}; use {DEFAULT_PROFILE}")
         self.processor = Processor(self.image, priced, memories=self.memory)
         self._part = part(self.processor)
         self._booted = False
@@ -90,7 +90,7 @@ class VirtualCortexM4:
 
     @property
     def may_rest(self) -> bool:
-        """Return whether firmware that ends in a loop to itself, without a fault, is at rest instead of hung."""
+        """Return whether a branch to itself, without an earlier fault, counts as rest; otherwise it is a hang."""
         return self.processor.waiting.may_rest
 
     @may_rest.setter
@@ -121,7 +121,8 @@ class VirtualCortexM4:
         with contextlib.suppress(ConfigError):  # an image without a vector table did not start the firmware
             _, entry = vectors(self.processor.memory, self.image)
             read = self.processor.memory.read_words
-            handlers = [[read(table + 4 * exception, 1)[0] for exception in alike] for alike in nvic.together()]
+            groups = nvic.priority_groups()
+            handlers = [[read(table + 4 * exception, 1)[0] for exception in group] for group in groups]
             sizes[""] = self._bound(lambda: bound_with_exceptions(bounds, entry, handlers))
         for name in functions:
             address = find_function(self.image, name).address
@@ -155,9 +156,10 @@ class VirtualCortexM4:
             return f"asleep{self._part.describe_sleep()} in {place}"
         if self._loops_at(pc & ~1):
             rests = self.may_rest and self.processor.waiting.is_in_thread
-            return f"{'at rest' if rests else 'hung'}, looping to itself in {place}"
-        bitten = f", reset {self._part.bites} times by its watchdog" if self._part.bites else ""
-        return f"executing {place}{self.processor.waits_for()}{bitten}"
+            return f"{'at rest' if rests else 'hung'}, in a branch to itself in {place}"
+        resets = self._part.watchdog_resets
+        by_watchdog = f", reset {resets} times by its watchdog" if resets else ""
+        return f"executing {place}{self.processor.waits_for()}{by_watchdog}"
 
     def _loops_at(self, address: int) -> bool:
         """Return whether the instruction at an address is a branch to itself."""
@@ -165,27 +167,27 @@ class VirtualCortexM4:
         return bool(decoded) and decoded.flow == lib.FLOW_JUMP and decoded.target == address and not decoded.conditional
 
     def watch_calls(self, functions: Iterable[str]) -> CallWatch:
-        """Count calls of functions from now on, while firmware runs."""
+        """Count the calls that running firmware makes to functions from now on."""
         return CallWatch(self.processor, functions)
 
     def watch_solutions(self, functions: Iterable[str], end: SolutionEnd) -> SolutionWatch:
         """Sum up the calls of functions that work in slices, per solution, from now on."""
         return SolutionWatch(self.processor, functions, end)
 
-    # -- registers that are not modelled ------------------------------------------------------
+    # -- unmodelled registers -----------------------------------------------------------------
 
     @property
     def unmodelled(self) -> Sequence[UnmodelledAccess]:
-        """First access to each register that only stores writes; `str` of one is a sentence."""
+        """First access to each unmodelled register; the `str` of an access is a sentence."""
         return self._part.unmodelled.accesses
 
-    def tell(self, listener: Callable[[str], None]) -> None:
-        """Replace the `UnmodelledWarning` by a call with one line about a register that firmware waits for."""
+    def report_waits(self, listener: Callable[[str], None]) -> None:
+        """Call `listener` with one line when firmware waits for an unmodelled register, instead of warning."""
         self._part.unmodelled.on_wait = listener
 
     @contextlib.contextmanager
-    def unnoticed(self) -> Iterator[None]:
-        """Do not record accesses in `unmodelled` during the context, because they are not the firmware's."""
+    def pause_unmodelled(self) -> Iterator[None]:
+        """Record no accesses in `unmodelled` during the context, because they are not the firmware's."""
         self._part.unmodelled.listens = False
         try:
             yield
@@ -194,16 +196,16 @@ class VirtualCortexM4:
 
     # -- calling functions --------------------------------------------------------------------
 
-    def _call_hz(self, asked_hz: float | None) -> float:
+    def _call_hz(self, requested_hz: float | None) -> float:
         """Return the core clock that converts a call's cycles into seconds [Hz]."""
-        return CALL_HZ if asked_hz is None else check_clock(asked_hz)
+        return CALL_HZ if requested_hz is None else check_clock(requested_hz)
 
     def call(
         self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
     ) -> CallResult:
         """Call one function of the image and count its cycles.
 
-        No boot is needed; on a running board the processor's state is restored
+        The firmware need not be booted; if it runs, the processor's state is restored
         afterwards. Interrupts are masked during the call.
 
         Parameters
@@ -211,9 +213,9 @@ class VirtualCortexM4:
         symbol
             Name of the function.
         *arguments
-            Converted by the types in the DWARF; only integers without DWARF. A buffer
-            is copied to free RAM and passed by address; a writable one receives the
-            data that the function leaves in it.
+            Converted by the types in the DWARF; without DWARF only integers. A buffer
+            is copied to free RAM and passed by address; a writable buffer then receives
+            the content after the call.
         timeout_s
             Virtual time after which the function counts as hung [s].
         clock_hz
@@ -240,8 +242,8 @@ class VirtualCortexM4:
                     self.processor, symbol, arguments, booted=self._booted, clock_hz=clock_hz, timeout_s=timeout_s
                 )
         except ResetRequested as request:
-            by = "asked for" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
-            raise BoardFault(f"{symbol} {by} a system reset", pc=self.image.symbols[symbol].address) from None
+            cause = "requested" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"
+            raise BoardFault(f"{symbol} {cause} a system reset", pc=self.image.symbols[symbol].address) from None
 
 
 def open_image(elf: str | Path | bytes | FirmwareImage) -> FirmwareImage:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.part.chip import is_in
 from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.processor.registers import RegisterGroup
 
@@ -79,7 +80,7 @@ class DebugAccess:
             If the size is not that of all registers.
         """
         if len(values) != sum(map(self.width, range(COUNT))):
-            raise ValueError(f"{len(values)} bytes are not all registers")
+            raise ValueError(f"{len(values)} bytes are not the size of all registers")
         offset = 0
         for number in range(COUNT):
             width = self.width(number)
@@ -94,34 +95,31 @@ class DebugAccess:
         ValueError
             If the address has no memory and no peripheral.
         """
-        if not self._is_device(address):
+        if not is_in(_DEVICES, address):
             return self._processor.memory.read(address, size)
         read = b""
         while len(read) < size:
             width = self._access(address + len(read), size - len(read))
-            with self._machine.unnoticed():
+            with self._machine.pause_unmodelled():
                 read += self._machine.bus.read(address + len(read), width).to_bytes(4, "little")[:width]
         return read
 
     def write(self, address: int, data: bytes) -> None:
-        """Write memory, flash too, or registers of a peripheral.
+        """Write memory, including flash, or registers of a peripheral.
 
         Raises
         ------
         ValueError
             If the address has no memory and no peripheral.
         """
-        if not self._is_device(address):
+        if not is_in(_DEVICES, address):
             self._processor.memory.write(address, data)
             return
         while data:
             width = self._access(address, len(data))
-            with self._machine.unnoticed():
+            with self._machine.pause_unmodelled():
                 self._machine.bus.write(address, width, int.from_bytes(data[:width], "little"))
             address, data = address + width, data[width:]
-
-    def _is_device(self, address: int) -> bool:
-        return any(base <= address < base + size for base, size in _DEVICES)
 
     def _access(self, address: int, size: int) -> int:
         """Return the bytes of a peripheral that one access covers."""

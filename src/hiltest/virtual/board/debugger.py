@@ -1,8 +1,8 @@
-"""Halts of the processor for a debugger: breakpoints, watchpoints, steps, and exclusion of the other thread.
+"""Run control for a debugger: halts, breakpoints, watchpoints, single steps, and exclusion of the board's thread.
 
-A board that is not being debugged is not slowed down: `Debugger.run` replaces `Processor.run`, and the core checks
-breakpoints and watchpoints only if there are any. Virtual time stands still in a halt, because the thread that runs the
-board waits in `run`. A halt changes no count.
+Without a debugger the board runs at full speed: `Debugger.run` replaces `Processor.run`, and the core checks
+breakpoints and watchpoints only if any are set. A halt stops virtual time, because the thread that runs the board waits
+in `run`, and it changes no count.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER
 from hiltest.virtual.processor.schedule import Event
 
-_LOOK_AGAIN_S = 0.02  # a halt request can be lost while the core is being entered, so it is repeated
+_REPEAT_S = 0.02  # a halt request can be lost while the core is being entered, so it is repeated
 _BKPT = 0xBE  # high byte of the instruction
 
 
 class WatchKind(Enum):
-    """Accesses that a watchpoint reacts to."""
+    """Kind of access that a watchpoint detects."""
 
     WRITE = lib.WATCH_WRITE
     READ = lib.WATCH_READ
@@ -35,7 +35,7 @@ class WatchKind(Enum):
 class StopReason(Enum):
     """Reason for a halt of the processor."""
 
-    ASKED = 0
+    REQUESTED = 0
     STEPPED = 1
     BREAKPOINT = 2
     WATCHPOINT = 3
@@ -52,7 +52,7 @@ class Stop:
     address: int = 0
     """Address of the access that hit the watchpoint."""
     fault: BoardFault | None = None
-    """Fault that ends the firmware when the processor continues."""
+    """Fault that `run` raises when the processor continues."""
 
 
 class _Stopped(Exception):
@@ -74,7 +74,7 @@ class Debugger:
     machine
         Board that is not running.
     on_stop
-        Called in the thread that runs the board, when the processor has halted by itself.
+        Called in the thread that runs the board when the processor has halted.
 
     Attributes
     ----------
@@ -83,13 +83,13 @@ class Debugger:
     """
 
     def __init__(self, machine: VirtualK64F, *, on_stop: Callable[[], None]) -> None:
-        self.latest = Stop(StopReason.ASKED)
+        self.latest = Stop(StopReason.REQUESTED)
         self._machine, self._processor = machine, machine.processor
         self._on_stop = on_stop
-        self._turn = threading.Condition()  # guards the members below, and the processor while nobody is inside
+        self._changed = threading.Condition()  # guards the members below, and the processor while it is not running
         self._halt = False  # a halt is requested
-        self._inside = False  # the board's thread is in the core
-        self._within = range(0)  # a step continues while the PC stays in this range
+        self._in_core = False  # the board's thread is in the core
+        self._step_range = range(0)  # a step continues while the PC stays in this range
         self._active: int | None = None  # number of active exceptions before a step, until the step begins
         self._breakpoints: set[int] = set()
         self._watchpoints: list[tuple[WatchKind, int, int]] = []
@@ -102,14 +102,14 @@ class Debugger:
     def run(self, until: Event, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> bool:
         """Run the processor as `Processor.run` does, and wait while it is halted."""
 
-        def look() -> bool:
+        def must_return() -> bool:
             return self._halt or (wake is not None and wake())
 
         while True:
             self._enter()
             stop: Stop | None = None
             try:
-                returned = self._processor.run(until, wake=look, for_bytes=for_bytes or wake is None)
+                returned = self._processor.run(until, wake=must_return, for_bytes=for_bytes or wake is None)
             except _Stopped as stopped:
                 stop = stopped.stop
             except BoardFault as fault:
@@ -117,37 +117,37 @@ class Debugger:
                     raise
                 stop = Stop(StopReason.FAULT, fault=fault)
             finally:
-                asked = self._leave(stop)
-            if stop is None and not asked:
+                halt_requested = self._leave(stop)
+            if stop is None and not halt_requested:
                 return returned
             self._on_stop()
 
     @property
     def _is_attended(self) -> bool:
-        """Return whether a debugger is connected, which is shown a fault before the fault ends the firmware."""
+        """Return whether a debugger is connected; a fault then halts the processor before it ends the run."""
         return self._machine.debugged
 
     def _enter(self) -> None:
-        with self._turn:
+        with self._changed:
             began_s = time.monotonic()
             while self._halt:
-                self._turn.wait(_LOOK_AGAIN_S)
+                self._changed.wait(_REPEAT_S)
             self._machine.halted_s += time.monotonic() - began_s
-            fault, self.latest = self.latest.fault, Stop(StopReason.ASKED)
+            fault, self.latest = self.latest.fault, Stop(StopReason.REQUESTED)
             if fault is not None:
                 raise fault
-            self._inside = True
+            self._in_core = True
 
     def _leave(self, stop: Stop | None) -> bool:
-        """Note that the core was left; return whether a halt is requested."""
-        with self._turn:
-            asked = self._halt
-            self._inside = False
+        """Record that the thread has left the core; return whether a halt is requested."""
+        with self._changed:
+            halt_requested = self._halt
+            self._in_core = False
             if stop is not None:
                 self._halt = True
                 self.latest = stop
-            self._turn.notify_all()
-            return asked
+            self._changed.notify_all()
+            return halt_requested
 
     # -- called by the processor --------------------------------------------------------------
 
@@ -156,21 +156,21 @@ class Debugger:
         if reason == lib.STOP_WATCHPOINT:
             watch, core.watch_kinds = WatchKind(core.watch_kinds), 0
             raise _Stopped(Stop(StopReason.WATCHPOINT, watch, core.watch_address))
-        if reason == lib.STOP_STEP and self._steps_on():
+        if reason == lib.STOP_STEP and self._continues_step():
             core.instruction_limit = core.instructions + 1
             return
         core.instruction_limit = NEVER
         raise _Stopped(Stop(StopReason.BREAKPOINT if core.r[15] in self._breakpoints else StopReason.STEPPED))
 
-    def _steps_on(self) -> bool:
-        """Return whether a step continues: nothing has run yet, or the next instruction is within the range."""
+    def _continues_step(self) -> bool:
+        """Return whether a step continues: no instruction has run yet, or the next one is within the range."""
         core, before = self._processor.core, self._active
         self._active = None
         if before is not None:
             return bool(core.active_count == before)  # otherwise an exception handler begins, which is a step too
         if lib.machine_skips(self._processor.machine.handle):
             return True
-        return core.r[15] in self._within and core.r[15] not in self._breakpoints
+        return core.r[15] in self._step_range and core.r[15] not in self._breakpoints
 
     def _halt_at_breakpoint(self, _address: int) -> None:
         """Halt at a BKPT instruction if a debugger is connected."""
@@ -182,34 +182,34 @@ class Debugger:
     @property
     def is_halted(self) -> bool:
         """Return whether the processor is halted."""
-        with self._turn:
+        with self._changed:
             return self._halt
 
     @contextmanager
     def halted(self) -> Iterator[None]:
         """Keep the processor halted, and the board's thread out of the core, during the context."""
-        with self._turn:
+        with self._changed:
             self._halt = True
-            while self._inside:
-                self._processor.look_soon()
-                self._turn.wait(_LOOK_AGAIN_S)
+            while self._in_core:
+                self._processor.return_soon()
+                self._changed.wait(_REPEAT_S)
             yield
 
-    def go_on(self, *, step: bool = False, within: range = range(0)) -> None:
-        """Continue a halted processor: for one instruction, or until it leaves the addresses `within`."""
+    def resume(self, *, step: bool = False, within: range = range(0)) -> None:
+        """Continue a halted processor; a step ends after one instruction, or on leaving the addresses `within`."""
         with self.halted():
             core = self._processor.core
-            if not step and self._is_instruction(core.r[15]):
+            if not step and self._is_bkpt(core.r[15]):
                 core.r[15] += 2
             core.passes_breakpoint, core.watch_kinds = True, 0
             # In a step the core first takes pending exceptions, so no instruction is due before that.
             core.instruction_limit = core.instructions if step else NEVER
-            self._active, self._within = core.active_count, within
+            self._active, self._step_range = core.active_count, within
             self._halt = False
-            self._turn.notify_all()
+            self._changed.notify_all()
 
-    def _is_instruction(self, pc: int) -> bool:
-        """Return whether the instruction is BKPT, which would halt the processor again and again."""
+    def _is_bkpt(self, pc: int) -> bool:
+        """Return whether the instruction is BKPT, which would halt the processor at once."""
         try:
             return self._processor.memory.read(pc + 1, 1)[0] == _BKPT
         except ValueError:

@@ -25,13 +25,13 @@ class BoardEvent:
 
     time_s: float
     """Virtual time since power-on."""
-    what: str
+    part: str
     """``LED red``, ``LED green``, ``LED blue``, ``SW2`` or ``SW3``."""
     on: bool
     """Lit, or pressed."""
 
     def __str__(self) -> str:
-        return f"{self.time_s:.6f} s: {self.what} {'on' if self.on else 'off'}"
+        return f"{self.time_s:.6f} s: {self.part} {'on' if self.on else 'off'}"
 
 
 class LedsAndButtons(Restorable):
@@ -40,7 +40,7 @@ class LedsAndButtons(Restorable):
     Parameters
     ----------
     time_s
-        Returns the virtual time, inside a peripheral's access too.
+        Returns the virtual time, also during an access to a peripheral.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class LedsAndButtons(Restorable):
         for letter, pin in BUTTONS.values():
             ports[letter].drive(pin, True)
         for letter, pin in LEDS.values():
-            ports[letter].on_change = self._look
+            ports[letter].on_change = self._update_leds
             ports[letter].watch(1 << pin, follows_timers=True)
 
     def is_on(self, name: str) -> bool:
@@ -80,20 +80,20 @@ class LedsAndButtons(Restorable):
         """
         self._check(button, BUTTONS)
         letter, pin = BUTTONS[button]
-        self._note(button, pressed)
+        self._record(button, pressed)
         self._ports[letter].drive(pin, not pressed)
 
     def _check(self, name: str, names: Mapping[str, object]) -> None:
         if name not in names:
             raise ConfigError(f"the FRDM-K64F has no {name!r}; it has {', '.join(names)}")
 
-    def _look(self, port: Port) -> None:
+    def _update_leds(self, port: Port) -> None:
         driven_low = port.driven_low
         for led, (letter, pin) in LEDS.items():
             if self._ports[letter] is port:
-                self._note(led, bool(driven_low >> pin & 1))
+                self._record(led, bool(driven_low >> pin & 1))
 
-    def _note(self, name: str, on: bool) -> None:
+    def _record(self, name: str, on: bool) -> None:
         if self._on[name] != on:
             self._on[name] = on
             self.events.append(BoardEvent(self._time_s(), name, on))

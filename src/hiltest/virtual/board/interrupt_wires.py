@@ -23,15 +23,15 @@ class InterruptSource(I2cDevice, Protocol):
         ...
 
     def next_interrupt_s(self, time_s: float) -> float:
-        """Return the next time at which a level may change without an access; infinity if there is none."""
+        """Return the next time at which a level may change without an access; infinity if it cannot."""
         ...
 
 
 class InterruptWires(Restorable):
     """Two wires with the levels of a part's interrupt pins.
 
-    The part says when a level may change by itself, so it is not polled; the effects of an
-    access are found at its end, by `look`.
+    The part is not polled, because it predicts when a level may change by itself. The caller
+    calls `update` at the end of each access to the part.
 
     Parameters
     ----------
@@ -48,23 +48,23 @@ class InterruptWires(Restorable):
         self._levels: tuple[bool | None, bool | None] = (None, None)
         self._event: Event | None = None
 
-    def look(self) -> None:
-        """Pass on the present levels, and schedule the next look."""
-        self._look_at(self._time.now())
+    def update(self) -> None:
+        """Pass on the present levels, and schedule the next update."""
+        self._update_at(self._time.now())
 
-    def _look_at(self, ps: int) -> None:
+    def _update_at(self, ps: int) -> None:
         time_s = ps / PICOSECONDS
         levels = self._source.interrupt_levels(time_s)
         before, self._levels = self._levels, levels
         for wire, level, old in zip(self._wires, levels, before, strict=True):
             if wire is not None and level is not old:
                 wire(level)
-        self._come_back(self._source.next_interrupt_s(time_s))
+        self._schedule_update(self._source.next_interrupt_s(time_s))
 
-    def _come_back(self, time_s: float) -> None:
+    def _schedule_update(self, time_s: float) -> None:
         if self._event is not None:
             self._event.cancel()
             self._event = None
         if math.isfinite(time_s):
             ps = math.ceil(time_s * PICOSECONDS)
-            self._event = self._time.call_at(ps, lambda: self._look_at(ps))
+            self._event = self._time.call_at(ps, lambda: self._update_at(ps))

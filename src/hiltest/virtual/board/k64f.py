@@ -36,7 +36,7 @@ from hiltest.virtual.program.elf import FirmwareImage
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardSnapshot:
-    """State of a board and of everything on its buses at one moment, taken by `VirtualK64F.snapshot`."""
+    """State of a board and of the parts on its buses at one moment, taken by `VirtualK64F.snapshot`."""
 
     board: VirtualK64F
     machine: Snapshot
@@ -53,17 +53,17 @@ class VirtualK64F(VirtualCortexM4):
     Parameters
     ----------
     elf
-        File, or its content: firmware laid out for the MK64FN1M0, as ELF, Intel HEX or raw binary at 0. For a binary
-        at another address: `load_image(path, base=0x8000)`.
+        File, or its content: firmware linked for the MK64FN1M0, as ELF, Intel HEX or raw binary at 0. For a binary
+        at another address, pass `load_image(path, base=0x8000)`.
     i2c0, i2c1
         Parts on the two buses.
     profile
         Name of a profile, or a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
     strict
-        True if an access to a peripheral that the chip has and this board does not model is a bus error. Otherwise
-        its registers store writes, and `unmodelled` lists those that were accessed.
+        True if an access to an unmodelled peripheral of the chip is a bus error. Otherwise its registers store writes,
+        and `unmodelled` lists those that were accessed.
     flash_file
-        File that keeps the flash between runs. At power-on it restores the sectors for which the image has no data.
+        File that stores the flash between runs. At power-on, sectors without data of the image are loaded from it.
 
     Attributes
     ----------
@@ -107,17 +107,17 @@ class VirtualK64F(VirtualCortexM4):
         with deferred_interrupt(lambda: None):
             load_segments(self.processor.memory, self.image)
             self._chip.flash.power_on(self.image.segments)
-            self._chip.bites = 0
+            self._chip.watchdog_resets = 0
             self._reset(ResetSource.POWER_ON)
             self.processor.delivers_faults = True
             self._booted = True
 
     def reset(self) -> None:
-        """Press and release the reset button: the firmware starts anew, and time continues."""
+        """Press and release the reset button: the firmware restarts, and time continues."""
         self._reset(ResetSource.PIN)
 
     def reset_at(self, time_s: float, source: ResetSource) -> None:
-        """Reset the board at a given time, by its button or by the return of the supply."""
+        """Reset the board at a virtual time, by its reset button or a power cycle."""
 
         def reset() -> None:
             raise ResetRequested(source)
@@ -141,7 +141,7 @@ class VirtualK64F(VirtualCortexM4):
         return self.clocks.time_s()
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
-        """Run the firmware until virtual time `time_s`, or until `wake` answers true.
+        """Run the firmware until virtual time `time_s`, or until `wake` returns true.
 
         Parameters
         ----------
@@ -150,12 +150,12 @@ class VirtualK64F(VirtualCortexM4):
         wake
             Called after every event of a peripheral.
         for_bytes
-            True if `wake` needs no call before the bytes arrive that the host of a UART expects: `Uart.host_expect`.
+            True if `wake` need not be called before the bytes that `Uart.host_expect` describes have arrived.
 
         Raises
         ------
         BoardFault
-            If the processor meets a fault, or hangs.
+            If the processor faults or hangs.
         ConfigError
             If the image has no vector table to boot from.
         """
@@ -179,19 +179,19 @@ class VirtualK64F(VirtualCortexM4):
             until.cancel()
 
     def _moment(self, time_s: float) -> Event:
-        """Return the event at a virtual time, also if the clocks change before it."""
+        """Return an event at a virtual time, which stays correct if the clocks change before it."""
         if not math.isfinite(time_s):
             return Event(math.inf)
         until = math.ceil(Fraction(time_s) * PICOSECONDS)
         return self.clocks.time.call_at(until, lambda: None, wakes=False)
 
-    def _call_hz(self, asked_hz: float | None) -> float:
+    def _call_hz(self, requested_hz: float | None) -> float:
         if not self._booted:
-            return super()._call_hz(asked_hz)
-        if asked_hz is not None:
+            return super()._call_hz(requested_hz)
+        if requested_hz is not None:
             raise ConfigError(
-                f"clock_hz={asked_hz} is for functions called without boot; this firmware has set up "
-                f"{self.clocks.core_hz / 1e6:g} MHz"
+                f"clock_hz={requested_hz} is for functions called without boot; the running firmware has set up "
+                f"{self.clocks.core_hz / 1e6:g} MHz: omit clock_hz"
             )
         return self.clocks.core_hz
 
@@ -200,14 +200,14 @@ class VirtualK64F(VirtualCortexM4):
     def snapshot(self) -> BoardSnapshot:
         """Return the state of processor, memories, peripherals and the parts on the buses, for `restore`.
 
-        It does not contain the host's end of the serial lines, the world that sensors measure, nor earlier recordings
-        and counts. `VirtualBench.snapshot` contains the world too.
+        It contains neither the host's end of the serial lines, nor the world that sensors measure, nor earlier
+        recordings and counts. `VirtualBench.snapshot` also contains the world.
 
         Raises
         ------
-        If the board runs, if bytes of the host are on a line towards it, or if a file holds the
-        board's flash.
-            board's flash.
+        SnapshotError
+            If the board is running, if bytes of the host are on a line towards it, or if a file stores the board's
+            flash.
         """
         self._refuse_if_running()
         for uart in self.uarts:
@@ -218,19 +218,19 @@ class VirtualK64F(VirtualCortexM4):
         return BoardSnapshot(self, machine, tuple((part, part.state()) for part in self._stateful()), self._booted)
 
     def restore(self, snapshot: BoardSnapshot) -> None:
-        """Go back to a snapshot of this board; it then repeats its actions since.
+        """Return to a snapshot of this board, from which the board repeats its actions.
 
         Afterwards the serial lines are empty: bytes that the host has not fetched are lost, and a host that numbers its
-        requests must begin anew (`Session.synchronise`). Returns of watched functions that were running at the snapshot
-        are not noticed.
+        requests must synchronise again (`Session.synchronise`). Calls of watched functions that were open at the
+        snapshot are not counted.
 
         Raises
         ------
-        If the snapshot is of another board, or the board runs.
-            If it is of another board, or the board runs.
+        SnapshotError
+            If the snapshot belongs to another board, or the board is running.
         """
         if snapshot.board is not self:
-            raise SnapshotError("the snapshot is of another board; a board goes back to its own snapshots alone")
+            raise SnapshotError("the snapshot belongs to another board; a board can restore only its own snapshots")
         self._refuse_if_running()
         self.processor.machine.restore(snapshot.machine)
         for part, state in snapshot.parts:
@@ -239,13 +239,13 @@ class VirtualK64F(VirtualCortexM4):
 
     def _refuse_if_running(self) -> None:
         if self.processor.is_running:
-            raise SnapshotError("a request is open: the board runs; wait until `run_until` or `call` has come back")
+            raise SnapshotError("the board is running; wait until `run_until` or `call` has returned")
 
     def _stateful(self) -> list[HasState]:
-        """Return the stateful objects beside the core and its peripherals in C."""
+        """Return the stateful objects other than the core and its peripherals in C."""
         return [self._chip, self._leds_and_buttons, *self._wires, self.processor.fault_log, self.processor.waiting]
 
-    # -- what is on the chip ------------------------------------------------------------------
+    # -- peripherals of the chip --------------------------------------------------------------
 
     @property
     def clocks(self) -> ClockGates:
@@ -275,7 +275,7 @@ class VirtualK64F(VirtualCortexM4):
     def adc_volts(self) -> dict[tuple[int, int], float]:
         """Input voltages of the converters by converter and channel, such as ``adc_volts[0, 12] = 1.2``.
 
-        A differential channel has the voltage between its pins. Other inputs have 0 V.
+        The voltage of a differential channel is the one between its pins. Inputs without an entry have 0 V.
         """
         return self._chip.adc_volts
 
@@ -288,8 +288,8 @@ class VirtualK64F(VirtualCortexM4):
     def seed(self, seed: int) -> None:
         self._chip.random_numbers.seed = seed
 
-    def warm_by(self, temperature_degc: Callable[[], float]) -> None:
-        """Set the source of the chip's temperature, which is 25 degC otherwise."""
+    def set_temperature(self, temperature_degc: Callable[[], float]) -> None:
+        """Set the function that returns the chip's temperature [degC]; the default is 25 degC."""
         self._chip.temperature_degc = temperature_degc
 
     # -- pins ---------------------------------------------------------------------------------
@@ -320,7 +320,7 @@ class VirtualK64F(VirtualCortexM4):
         port, number = self._chip.pin(pin)
         return bool(port.levels >> number & 1)
 
-    def lead_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
+    def connect_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
         """Connect the interrupt pins of a part.
 
         Parameters
@@ -328,19 +328,19 @@ class VirtualK64F(VirtualCortexM4):
         bus
             I2C bus of the part: 0 or 1.
         part
-            A part that was passed for that bus.
+            A part that the constructor received for that bus.
         int1, int2
             Pins of the processor, such as ``PTB9``; None leaves the pin open.
         """
         pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
         wires = InterruptWires(part, pins, self.clocks.time)
         self._wires.append(wires)
-        self._chip.i2c_buses[bus].after_stop(part, wires.look)
-        wires.look()
+        self._chip.i2c_buses[bus].call_after_stop(part, wires.update)
+        wires.update()
 
-    def hold_line(self, bus: int, held: HeldLine) -> None:
+    def hold_line(self, bus: int, hold: HeldLine) -> None:
         """Pull a line of I2C bus 0 or 1 low for a time, as a stuck part or a short circuit does."""
-        self._chip.i2c_buses[bus].on_hold(held)
+        self._chip.i2c_buses[bus].on_hold(hold)
 
 
 def board_for(
@@ -351,7 +351,7 @@ def board_for(
 ) -> VirtualCortexM4:
     """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
 
-    If other memories are named or needed, the board is a `VirtualCortexM4`, which has the same parameters.
+    If the image needs other memories, or `memory` names them, the board is a `VirtualCortexM4`.
     """
     image = open_image(elf)
     memories = memory_map(image, memory)

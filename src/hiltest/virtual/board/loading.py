@@ -1,4 +1,4 @@
-"""Loading an image into the board's memories, and reading its vector table."""
+"""Loader of images into the board's memories, and reader of their vector tables."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hiltest.virtual.program.elf import FirmwareImage
 
 
 def load_segments(memory: BoardMemory, image: FirmwareImage) -> None:
-    """Write an image to its load addresses, as a programmer would, in memories that were just powered on.
+    """Power on the memories, and write an image to its load addresses, as a programmer does.
 
     Raises
     ------
@@ -23,19 +23,19 @@ def load_segments(memory: BoardMemory, image: FirmwareImage) -> None:
         except ValueError as error:
             link = "link for 1 MiB of flash at 0 and 256 KiB of SRAM at 0x1fff0000"
             is_k64f = memory.map == MK64FN1M0
-            part, advice = ("MK64FN1M0", link) if is_k64f else (f"memories {memory.map}", "name those of its part")
+            part, advice = ("MK64FN1M0", link) if is_k64f else (f"memories {memory.map}", "name its part's memories")
             raise ConfigError(f"{image.name}: a segment does not fit the {part} ({error}); {advice}") from error
 
 
 def load_running(memory: BoardMemory, image: FirmwareImage) -> None:
-    """Write an image to its run addresses, as start-up code would: initialised data in RAM, and zeros after it."""
+    """Write an image to its run addresses, as start-up code does: initialised data in RAM, and zeros after it."""
     for segment in image.segments:
         zeroed = segment.run_size - len(segment.data)
         memory.write(segment.run_address, segment.data + bytes(zeroed))
 
 
 def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
-    """Return the initial stack pointer and the reset vector, with which the part would start.
+    """Return the initial stack pointer and the reset vector.
 
     Raises
     ------
@@ -56,6 +56,6 @@ def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:
     in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in image.segments)
     if not (in_sram and in_code and entry & 1):
         raise ConfigError(
-            f"{image.name}: what stands at address 0x{image.vectors:x} is no vector table (stack 0x{stack:08x}, reset "
+            f"{image.name}: no valid vector table at address 0x{image.vectors:x} (stack 0x{stack:08x}, reset "
             f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
         )

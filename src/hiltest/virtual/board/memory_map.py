@@ -1,4 +1,4 @@
-"""Memories of other parts: named by the user, or guessed from the image's needs."""
+"""Memories of other parts, which the user names or which are guessed from the image."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ _ITEM = re.compile(r"(flash|ram)=(0x[0-9a-f]{1,8}|\d{1,10}):(0x[0-9a-f]{1,8}|\d{
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20}
 _PAGE = 1 << 12
 _LARGEST = 64 << 20  # of all memories together, because the host allocates them
-# The architecture puts data here. Elsewhere is flash, except for copied or zeroed segments: some parts have RAM there.
+# The architecture's region for data. Other segments are in flash unless they are copied or zeroed, since some parts
+# have RAM outside the region.
 _DATA_REGION = range(0x20000000, 0x40000000)
 _GUESSED_ROUND = 1 << 16
 _GUESSED_SPARE = 1 << 17  # RAM beyond what the image uses: stack and arguments
@@ -29,13 +30,13 @@ def memory_map(image: FirmwareImage, description: str | None = None) -> MemoryMa
     Parameters
     ----------
     description
-        ``flash=0x08000000:512K,ram=0x20000000:128K``, with an item for each memory. By default the MK64FN1M0's
-        memories if the image fits them, otherwise those that its segments need.
+        ``flash=0x08000000:512K,ram=0x20000000:128K``, with one item per memory. By default the MK64FN1M0's
+        memories if the image fits into them, otherwise those that its segments need.
 
     Raises
     ------
     ConfigError
-        If the description is empty, or its memories overlap or lie where the processor has none.
+        If the description is empty, or its memories overlap or are outside the processor's memory regions.
     """
     if description is not None:
         return _parse(description)
@@ -62,11 +63,11 @@ def _parse(description: str) -> MemoryMap:
     for item in description.split(","):
         match = _ITEM.fullmatch(item.strip())
         if match is None:
-            raise ConfigError(f"--memory: {item.strip()!r} is no memory; {_FORM}")
+            raise ConfigError(f"--memory: {item.strip()!r} is not a memory; {_FORM}")
         kind, address, size, unit = match.groups()
         regions[kind.lower()].append((int(address, 0), int(size, 0) * _UNITS[unit.upper()]))
     if not regions["ram"]:
-        raise ConfigError(f"--memory: {description!r} has no RAM, where arguments and stack are; {_FORM}")
+        raise ConfigError(f"--memory: {description!r} has no RAM for arguments and stack; {_FORM}")
     memory = MemoryMap(tuple(regions["flash"]), tuple(regions["ram"]))
     try:
         _check(memory)
@@ -79,20 +80,22 @@ def _check(memory: MemoryMap) -> None:
     regions = sorted((*memory.flash, *memory.ram))
     for base, size in regions:
         if base % _PAGE or size % _PAGE or not size:
-            raise ConfigError(f"0x{base:08x}:0x{size:x} is no multiple of 4 KiB")
+            raise ConfigError(f"0x{base:08x}:0x{size:x} is not a multiple of 4 KiB")
         if not any(first <= base and base + size - 1 <= last for first, last in PLAIN):
-            raise ConfigError(f"0x{base:08x}:0x{size:x} reaches to where the processor has no memory")
+            raise ConfigError(f"0x{base:08x}:0x{size:x} is outside the processor's memory regions")
         if base <= RETURN_ADDRESS < base + size:
-            raise ConfigError(f"0x{base:08x}:0x{size:x} holds 0x{RETURN_ADDRESS:08x}, where called functions return to")
+            raise ConfigError(
+                f"0x{base:08x}:0x{size:x} contains 0x{RETURN_ADDRESS:08x}, the return address of called functions"
+            )
     for (base, size), (after, _) in itertools.pairwise(regions):
         if base + size > after:
             raise ConfigError(f"the memories at 0x{base:08x} and 0x{after:08x} overlap")
     if sum(size for _, size in regions) > _LARGEST:
-        raise ConfigError(f"more than {_LARGEST >> 20} MiB in all")
+        raise ConfigError(f"the memories exceed {_LARGEST >> 20} MiB in total")
 
 
 def _guess(image: FirmwareImage) -> MemoryMap:
-    """Return flash where segments are loaded, and RAM where they run elsewhere."""
+    """Return flash at the load addresses, and RAM at run addresses that differ from them."""
     flash: list[Region] = []
     ram: list[Region] = []
     for segment in image.segments:

@@ -1,4 +1,4 @@
-"""The MK64FN1M0: the processor's peripherals, connected as the part's tables say."""
+"""The MK64FN1M0: peripherals connected to the processor according to the part's tables."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import SRAM
 
-# The effect of these blocks is invisible to firmware: their registers store writes, without a report.
+# Firmware cannot observe the effect of these modules: their registers store writes, without a report.
 _STORED = ("SYSMPU",)
 _WITH_FIFO = 2  # number of UARTs with FIFOs and the core clock: UART0 and UART1
 
 ROOM_DEGC = 25.0
-_VLLS3 = 3  # it keeps RAM; in lower modes all of it is lost, here in VLLS2 too
+_VLLS3 = 3  # retains RAM; lower modes lose it (the part retains some of it in VLLS2)
 
 
 class Microcontroller(Restorable):
@@ -53,7 +53,7 @@ class Microcontroller(Restorable):
     strict
         True if an access to a peripheral that is not modelled is a bus error.
     flash_file
-        File that keeps the flash between runs.
+        File that stores the flash between runs.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Microcontroller(Restorable):
         Input voltages of the converters, by converter and channel; 0 V by default.
     temperature_degc : callable
         Returns the temperature of the chip.
-    bites : int
+    watchdog_resets : int
         Resets by the watchdog since power-on.
     """
 
@@ -82,7 +82,7 @@ class Microcontroller(Restorable):
         self._chip = mk64f12()
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
-        self.bites = 0
+        self.watchdog_resets = 0
         self.unmodelled = UnmodelledLog(processor, self._chip)
         processor.waits_for = lambda: self.unmodelled.polled
         generator = ClockGenerator()
@@ -93,14 +93,14 @@ class Microcontroller(Restorable):
         self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         self._peripherals.append(self.clocks.options)
-        self._lead_pins(self.low_power_timer.signals)
+        self._connect_pins(self.low_power_timer.signals)
         if not strict:
-            self._store_the_rest()
+            self._add_unmodelled_pages()
         for peripheral in self._peripherals:
             gates = {gate for entry in self._chip.pages.get(peripheral.base >> 12, ()) for gate in entry.gates}
             self.clocks.gate(peripheral, gates)
         self.bus = PeripheralBus(processor, self._peripherals, self._chip.register_name)
-        self.clocks.on_gates = self.bus.look_again
+        self.clocks.on_gates = self.bus.recheck
 
     def _base(self, name: str) -> int:
         return self._modules[name].base
@@ -114,7 +114,7 @@ class Microcontroller(Restorable):
         self.uarts = tuple(self._uart(number) for number in range(6))
         self.uart0 = self.uarts[0]
         self.timers = PeriodicTimers(processor, clocks, modules["PIT"])
-        self.watchdog = Watchdog(clocks, bite=self._reset_by_watchdog)
+        self.watchdog = Watchdog(clocks, time_out=self._reset_by_watchdog)
         self.reset_control = ResetControl()
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
@@ -150,7 +150,7 @@ class Microcontroller(Restorable):
         return [*self._persistent[1:], *self._power_modules()]
 
     def _power_modules(self) -> list[Peripheral]:
-        """Return the peripherals that sleep depends on."""
+        """Return the peripherals that control sleep."""
         modules = self._modules
         oscillator = StoredRegisters("OSC", self._base("OSC"), self._initial("OSC"))
         self._power = PowerManagement("PMC", self._base("PMC"), self._initial("PMC"))
@@ -171,9 +171,9 @@ class Microcontroller(Restorable):
             for timer in timers:
                 timer.clock_input(number, high)
 
-        self._lead_pins({f"FTM_CLKIN{number}": PinSignal(partial(pass_edge, number)) for number in range(2)})
+        self._connect_pins({f"FTM_CLKIN{number}": PinSignal(partial(pass_edge, number)) for number in range(2)})
         for timer in timers:
-            self._lead_pins(timer.signals)
+            self._connect_pins(timer.signals)
         return timers
 
     def _converters(self) -> list[Converter]:
@@ -191,17 +191,17 @@ class Microcontroller(Restorable):
 
         return [make(0), make(1)]
 
-    def _lead_pins(self, signals: Mapping[str, PinSignal]) -> None:
+    def _connect_pins(self, signals: Mapping[str, PinSignal]) -> None:
         """Connect the signals of modules to the pins that may carry them."""
         for pin in self._chip.pins:
             if pin.signal in signals:
-                self.ports[pin.port].lead(pin.number, pin.function, signals[pin.signal])
+                self.ports[pin.port].connect(pin.number, pin.function, signals[pin.signal])
 
     def _port(self, module: ChipPeripheral) -> Port:
         return Port(self._processor, module, self._chip.reset_bytes(module.base))
 
-    def _store_the_rest(self) -> None:
-        """Add registers that store writes, and are reported, for every page that is not modelled."""
+    def _add_unmodelled_pages(self) -> None:
+        """Add registers that store writes, and report accesses, for every unmodelled page."""
         modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
         self._peripherals += [
             UnmodelledPage(page << 12, modules, self._chip, self.unmodelled)
@@ -210,7 +210,7 @@ class Microcontroller(Restorable):
         ]
 
     def parts(self) -> list[HasState]:
-        """Return everything on the bus, the event queue, and the parts on the I2C buses."""
+        """Return the peripherals with their bus, the event queue, and the parts on the I2C buses."""
         return [*self._peripherals, self.bus, self._processor.schedule, self.flash, self.unmodelled, *self.i2c_buses]
 
     # -- reset --------------------------------------------------------------------------------
@@ -225,11 +225,11 @@ class Microcontroller(Restorable):
             peripheral.reset()
         if source is ResetSource.WAKE_UP:
             self._power.isolate()
-        self.reset_control.reset_by(source)
+        self.reset_control.set_source(source)
         self.watchdog.start()
 
     def _reset_by_watchdog(self) -> None:
-        self.bites += 1
+        self.watchdog_resets += 1
         raise ResetRequested(ResetSource.WATCHDOG)  # the core is not running, so nothing must be aborted
 
     def _wake_up(self, vlls: int) -> None:
@@ -242,7 +242,7 @@ class Microcontroller(Restorable):
 
         self._processor.schedule.call_at(self._processor.cycles, wake)
 
-    # -- what is outside the chip -------------------------------------------------------------
+    # -- outside of the chip ------------------------------------------------------------------
 
     def pin(self, name: str) -> tuple[Port, int]:
         """Return the port of a pin such as ``PTB9``, and its number in the port.

@@ -1,1 +1,1 @@
-"""Calls of functions, by the host or by firmware while it is watched."""
+"""Calls of functions by the host, and counts of the calls that firmware makes."""

@@ -1,4 +1,4 @@
-"""Buffers for a called function, including C structs with pointers."""
+"""Buffers as arguments of a called function, including C structs with pointers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class Address:
 
 
 class Structure:
-    """A C struct, passed by its address.
+    """A C struct, which is passed by address.
 
     Parameters
     ----------
     *members
-        In order; each is aligned to its item size as in the procedure call standard,
-        and the end to the largest item size.
+        Members in order. As in the procedure call standard, each is aligned to its item size, and the size of the
+        struct is a multiple of the largest item size.
 
     Examples
     --------
@@ -56,12 +56,12 @@ class Structure:
 
 
 def place(buffer: Any, reserve: Callable[[int], int], write: Callable[[int, Any], None]) -> int:
-    """Copy a buffer to target memory, after everything that it points to.
+    """Copy a buffer to target memory, after the buffers that it points to.
 
     Parameters
     ----------
     reserve
-        ``reserve(size)`` returns the address of that many free bytes.
+        ``reserve(size)`` allocates memory and returns its address.
     write
         ``write(address, buffer)`` copies a plain buffer.
 

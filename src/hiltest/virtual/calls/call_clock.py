@@ -1,4 +1,4 @@
-"""Core clock for calls without boot, which converts their cycles into seconds."""
+"""Core clock of calls without boot, which converts cycles into seconds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hiltest.errors import ConfigError
 CALL_HZ = 120_000_000
 _SLOWEST_HZ, _FASTEST_HZ = 1_000, 1_000_000_000
 _UNITS = {"": 1, "k": 1_000, "m": 1_000_000, "g": 1_000_000_000}
-_WRITTEN = re.compile(r"([0-9][0-9_]*(?:\.[0-9]+)?(?:e[0-9]{1,2})?) ?([kmg]?)(?:hz)?", re.IGNORECASE)
+_CLOCK = re.compile(r"([0-9][0-9_]*(?:\.[0-9]+)?(?:e[0-9]{1,2})?) ?([kmg]?)(?:hz)?", re.IGNORECASE)
 
 
 def check_clock(hz: float) -> int:
@@ -20,10 +20,10 @@ def check_clock(hz: float) -> int:
     Raises
     ------
     ConfigError
-        If it is not a whole number of Hz from 1 kHz to 1 GHz.
+        If it is not a whole number of hertz from 1 kHz to 1 GHz.
     """
     if not (_SLOWEST_HZ <= hz <= _FASTEST_HZ and hz == int(hz)):
-        raise ConfigError(f"a core clock of {hz} Hz: give a whole number of Hz from 1 kHz to 1 GHz, such as 48_000_000")
+        raise ConfigError(f"a core clock of {hz} Hz: use a whole number of Hz from 1 kHz to 1 GHz, such as 48_000_000")
     return int(hz)
 
 
@@ -35,12 +35,12 @@ def parse_clock(text: str) -> int:
     ConfigError
         If the text is not a valid core clock.
     """
-    written = _WRITTEN.fullmatch(text.strip())
+    match = _CLOCK.fullmatch(text.strip())
     try:
-        number = Fraction(written[1]) if written else Fraction(0)
+        number = Fraction(match[1]) if match else Fraction(0)
     except ValueError:  # underscores that are not between two digits
         number = Fraction(0)
-    hz = number * _UNITS[written[2].lower()] if written else number
+    hz = number * _UNITS[match[2].lower()] if match else number
     if not (_SLOWEST_HZ <= hz <= _FASTEST_HZ and hz.denominator == 1):
-        raise ConfigError(f"--clock: {text!r} is no core clock from 1 kHz to 1 GHz; write it as 48MHz or 48_000_000")
+        raise ConfigError(f"--clock: {text!r} is not a core clock from 1 kHz to 1 GHz; write 48MHz or 48_000_000")
     return int(hz)

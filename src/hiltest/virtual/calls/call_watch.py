@@ -1,4 +1,4 @@
-"""Cycles of named functions while firmware runs, without instrumentation."""
+"""Cycles of the calls of functions in running firmware, without instrumentation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COLD = ".cold"  # suffix of the rarely executed part of a function, which the c
 
 
 class CallWatch:
-    """Counter of calls of some functions, from `VirtualCortexM4.watch_calls`.
+    """Counter of the calls of some functions, see `VirtualCortexM4.watch_calls`.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class CallWatch:
     Attributes
     ----------
     running : RunningCalls
-        Watches the calls of the processor.
+        Recorder of the processor's calls.
     functions : dict of str to WatchedFunction
         Watched functions by name.
     began : int
@@ -44,40 +44,40 @@ class CallWatch:
 
     def begin(self) -> None:
         """Ignore calls that began before now."""
-        self.running.settle()
+        self.running.fetch()
         self.began = self.running.now()
         self._before = {
             name: (len(function.calls), function.abandoned, function.came_back)
             for name, function in self.functions.items()
         }
 
-    def look_at(self, address: int, size: int) -> None:
+    def record_word(self, address: int, size: int) -> None:
         """Record a word of memory in `Call.word` at each return.
 
         Raises
         ------
         ConfigError
-            If another word is recorded already.
+            If another word is already recorded.
         """
         for name, function in self.functions.items():
-            if function.looks_at not in (None, (address, size)):
-                raise ConfigError(f"{name} is watched for another word already; one word ends its solutions")
-            function.look_at(address, size)
+            if function.recorded_word not in (None, (address, size)):
+                raise ConfigError(f"{name} is already watched with another word; only one word can end its solutions")
+            function.record_word(address, size)
 
     @property
     def cycles(self) -> int:
-        """Cycles since `begin`, asleep or not."""
+        """Cycles since `begin`, including sleep."""
         return self.running.now() - self.began
 
     def calls(self, function: str) -> Sequence[Call]:
         """Return the calls of a function that began and returned since `begin`, in the order of their returns."""
-        self.running.settle()
+        self.running.fetch()
         first, _, _ = self._before[function]
         return [call for call in self.functions[function].calls[first:] if call.entered >= self.began]
 
     def stack(self, function: str) -> int | None:
-        """Return the bytes of stack that the deepest call used; None if any call's use is unknown."""
-        self.running.settle()
+        """Return the largest stack use of a call [bytes]; None if the use of any call is unknown."""
+        self.running.fetch()
         sizes = [call.stack for call in self.functions[function].calls]
         known_sizes = [size for size in sizes if size is not None]
         return max(known_sizes) if known_sizes and len(known_sizes) == len(sizes) else None

@@ -1,4 +1,4 @@
-"""Calls of one function of an image, after which the processor is restored."""
+"""Calls of an image's functions, after which the state of the processor is restored."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class CallResult:
     """Return value in the function's type; r0 without debug information, None for void."""
     cycles: int
     instructions: int
-    """Instructions from the function's first to its return, both included."""
+    """Instructions from the function's first one to its return, inclusive."""
     clock_hz: float
     """Core clock during the call [Hz]."""
     executed: Slice | None = field(default=None, compare=False, repr=False, kw_only=True)
-    """Slice that repeats the call; None if devices answered to too many loads."""
+    """The call as a slice that can be repeated; None if it had too many loads from devices."""
 
     @property
     def microseconds(self) -> float:
@@ -42,7 +42,7 @@ class CallResult:
 def _largest_gap(segments: Sequence[LoadSegment], first: int, limit: int) -> tuple[int, int]:
     """Return the largest range of RAM from `first` to `limit` that no segment uses.
 
-    The end of RAM may not be free: linker scripts give the heap all the rest.
+    The end of RAM may be in use, because some linker scripts assign all remaining RAM to the heap.
     """
     begin, gaps = first, []
     for segment in sorted(segments, key=lambda segment: segment.run_address):
@@ -71,7 +71,7 @@ def find_function(image: FirmwareImage, name: str) -> Symbol:
     near = (variants + mangled)[:3] or get_close_matches(name, names, n=3)
     hint = f"; near: {', '.join(near)}" if near else ""
     if not names:
-        hint = ", nor any other: its symbols are stripped; give the ELF as it was linked"
+        hint = ", nor any other function: its symbols are stripped; use the ELF that the linker wrote"
     raise ConfigError(f"{image.name}: no function {name!r}{hint}")
 
 
@@ -118,7 +118,7 @@ def call_function(
     """Call a function; see `VirtualCortexM4.call`."""
     function = find_function(processor.image, symbol)
     registers = processor.registers
-    processor.save_floats()  # the interrupted code's lazily saved state must not count for this function
+    processor.save_floats()  # otherwise saving the interrupted code's state lazily would count for this function
     saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
     control = registers.control.get()
     was_sleeping, processor.sleeping = processor.sleeping, False
@@ -142,7 +142,7 @@ def call_function(
     delivered, processor.delivers_faults = processor.delivers_faults, False
     try:
         if not processor.run(Event(cycles + hang_cycles)):
-            allowed = f"{hang_cycles} cycles (--timeout, timeout_s= give it more)"
+            allowed = f"{hang_cycles} cycles (increase the limit with --timeout or timeout_s=)"
             cause = f"hang: {symbol} did not return within {allowed}{processor.waits_for()}"
             raise processor.fault(cause, registers.pc.get())
         value = _result(processor, signature)

@@ -1,4 +1,4 @@
-"""Locations of arguments and results by the procedure call standard (AAPCS), for hard float and soft float."""
+"""Registers and stack words of arguments and results (AAPCS), for hard float and soft float."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _BUFFERS = "bytes, a bytearray, a contiguous numpy array or a Structure"
 
 
 class ArgumentRegisters:
-    """Allocation of core words (r0 to r3, then the stack) and float registers (s0 to s15) to arguments.
+    """Allocator of core words (r0 to r3, then the stack) and float registers (s0 to s15) to arguments.
 
     Parameters
     ----------
     hard_float
-        True if floats go to float registers; otherwise they go with the integers.
+        True if floats are passed in float registers; otherwise they are passed like integers.
 
     Attributes
     ----------
     core : list of int
-        Registers first, then the stack from its top.
+        Words of the registers, then of the stack in ascending order.
     floating : list of int
         Words of all float registers.
     """
@@ -49,10 +49,10 @@ class ArgumentRegisters:
         words = [bits & 0xFFFFFFFF, bits >> 32] if kind in _WIDE else [bits]
         if not self._hard_float or kind not in ("float", "double"):
             if kind in _WIDE and len(self.core) % 2:
-                self.core.append(0)  # eight bytes begin at an even register, and on the stack at a multiple of eight
+                self.core.append(0)  # eight bytes begin at an even register, or on the stack at a multiple of eight
             self.core += words
             return True
-        # The lowest free register: a float fills the gap that a double has left.
+        # The lowest free register: a float may fill the gap before a double.
         place = next((register for register in self._free if self._fits(register, len(words))), None)
         if place is None:
             return False
@@ -80,7 +80,7 @@ def assign(
     symbol
         Name of the function, for messages.
     signature
-        None without debug information: then only integers and buffers can be passed.
+        None without debug information; only integers and buffers can then be passed.
     place
         Copies a buffer to the board's RAM and returns its address.
 
@@ -91,19 +91,21 @@ def assign(
     """
     kinds = signature.parameters if signature else ("unsigned",) * len(arguments)
     if signature and len(kinds) != len(arguments):
-        raise ConfigError(f"{symbol} takes {len(kinds)} arguments, {len(arguments)} were given")
+        raise ConfigError(f"{symbol} takes {len(kinds)} arguments, not {len(arguments)}")
     if signature and signature.returns == "unsupported":
-        raise ConfigError(f"{symbol} returns {_UNSUPPORTED}; call it through a function that returns none")
+        raise ConfigError(f"{symbol} returns {_UNSUPPORTED}; write a wrapper that returns another type")
     registers = ArgumentRegisters(hard_float=hard_float)
     pointed = signature.pointed if signature and signature.pointed else (None,) * len(kinds)
     for position, (kind, argument) in enumerate(zip(kinds, arguments, strict=True), start=1):
         where = f"argument {position} of {symbol}"
         if kind == "unsupported":
-            raise ConfigError(f"{where} is {_UNSUPPORTED}; call it through a function that takes none")
+            raise ConfigError(f"{where} is {_UNSUPPORTED}; write a wrapper with other types")
         _check_buffer(where, pointed[position - 1], argument)
         bits = _bits(where, kind, argument, place, typed=signature is not None)
         if not registers.put(kind, bits):
-            raise ConfigError(f"{symbol} takes more floats than there are registers for; pass them in a buffer")
+            raise ConfigError(
+                f"{symbol} takes more floats than fit into registers; write a wrapper that takes a buffer"
+            )
     return registers.core, registers.floating
 
 
@@ -113,7 +115,7 @@ def _check_buffer(where: str, pointed: Pointed | None, argument: Argument) -> No
         return
     try:
         view = memoryview(argument)
-    except (TypeError, ValueError):  # a Structure, or no buffer, which `place` rejects
+    except (TypeError, ValueError):  # a Structure; or not a buffer, which `place` rejects
         return
     code = view.format.lstrip("@=<>!Z")  # Z: complex, a pair of the next code
     if code not in _CODES:
@@ -123,7 +125,7 @@ def _check_buffer(where: str, pointed: Pointed | None, argument: Argument) -> No
         kind = "float" if element.is_float else "uint" if code.isupper() else "int"
         expected = " or ".join(sorted(map(str, pointed.elements)))
         name = f"{kind}{8 * element.size}"
-        raise ConfigError(f"{where} is {pointed.text}, not an array of {name}: give {expected}, or bytes")
+        raise ConfigError(f"{where} is {pointed.text}, not an array of {name}: pass {expected}, or bytes")
 
 
 def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int], *, typed: bool) -> int:
@@ -135,7 +137,7 @@ def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int]
     if isinstance(argument, int):
         return _integer_bits(where, kind, argument)
     if isinstance(argument, float):
-        reason = "" if typed else " (the image has no debug information of it, so only integers can be passed)"
+        reason = "" if typed else " (without debug information only integers can be passed)"
         raise ConfigError(f"{where} is {kind}, not float{reason}")
     if kind in _WIDE:
         raise ConfigError(f"{where} is {kind}, not a buffer")
@@ -143,7 +145,7 @@ def _bits(where: str, kind: str, argument: Argument, place: Callable[[Any], int]
         return place(argument)
     except TypeError as error:
         argument_type = type(argument).__name__
-        raise ConfigError(f"{where} cannot be {argument_type}: give a number, {_BUFFERS} ({error})") from error
+        raise ConfigError(f"{where} cannot be {argument_type}: pass a number, {_BUFFERS} ({error})") from error
 
 
 def _integer_bits(where: str, kind: str, value: int) -> int:
@@ -155,7 +157,7 @@ def _integer_bits(where: str, kind: str, value: int) -> int:
 
 def _float_bits(where: str, kind: str, argument: Argument) -> int:
     if not isinstance(argument, int | float):
-        raise ConfigError(f"{where} is {kind}, not {type(argument).__name__}: give a number")
+        raise ConfigError(f"{where} is {kind}, not {type(argument).__name__}: pass a number")
     try:
         return int.from_bytes(struct.pack("<d" if kind == "double" else "<f", float(argument)), "little")
     except OverflowError as error:

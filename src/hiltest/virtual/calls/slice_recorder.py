@@ -1,4 +1,4 @@
-"""Snapshots at the beginnings of a solution's slices, for executing them again."""
+"""Recorder of snapshots from which the slices of a solution can be repeated."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from hiltest.virtual.core.machine import Snapshot
 from hiltest.virtual.processor.call_summary import Call
 from hiltest.virtual.processor.cpu import Processor
 
-_MOST_SLICES = 4000  # per solution, which limits the memory of their snapshots
+_MOST_SLICES = 4000  # of a solution; limits the memory of the snapshots
 
 
 @dataclass(frozen=True, slots=True)
-class Slice:
-    """One call, as a part of a solution."""
+class SolutionSlice:
+    """A call that computes a part of a solution."""
 
     function: str
     begin: Snapshot
@@ -26,9 +26,9 @@ class Slice:
 
 @dataclass(frozen=True, slots=True)
 class RecordedSolution:
-    """A solution that can be computed again."""
+    """A solution that can be repeated."""
 
-    slices: tuple[Slice, ...]
+    slices: tuple[SolutionSlice, ...]
     ended: int
     """Cycle at which the last slice returned."""
 
@@ -45,9 +45,9 @@ class SliceRecorder:
     processor
         Processor that is not running.
     watch
-        Watches the functions whose calls are slices.
+        Counter of the functions whose calls are slices.
     ends
-        Returns whether a slice was the last of a solution, from the slice and the word after the previous slice.
+        Returns whether a slice completed a solution, from the slice and the word after the previous slice.
     """
 
     def __init__(self, processor: Processor, watch: CallWatch, ends: Callable[[Call, int], bool]) -> None:
@@ -57,11 +57,11 @@ class SliceRecorder:
             self._running.listen(function, self._enter)
 
     def begin(self, before: int, *, is_whole: bool) -> None:
-        """Ignore slices that began before now; `sum_solutions` describes the parameters."""
-        self._running.settle()
+        """Ignore slices that began before now; the parameters are those of `sum_solutions`."""
+        self._running.fetch()
         self._processed = {name: len(function.calls) for name, function in self._functions.items()}
         self._before, self._has_ended = before, is_whole
-        # The current and the latest complete solution: a snapshot for each entry, by its cycle.
+        # Snapshots of the current and of the latest complete solution, by the cycle of the entry.
         self._begun: dict[int, Snapshot] | None = None
         self._ended: dict[int, Snapshot] | None = None
 
@@ -77,12 +77,12 @@ class SliceRecorder:
             for call in function.calls
             if call.entered in ended
         )
-        slices = tuple(Slice(name, ended[call.entered], call.cycles) for call, name in calls)
+        slices = tuple(SolutionSlice(name, ended[call.entered], call.cycles) for call, name in calls)
         return RecordedSolution(slices, ended=max(call.returned for call, _ in calls))
 
     def _catch_up(self) -> None:
         """Process the slices that have returned since the last call."""
-        self._running.settle()
+        self._running.fetch()
         returned = [
             call for name, function in self._functions.items() for call in function.calls[self._processed[name] :]
         ]

@@ -1,4 +1,4 @@
-"""Cycles of functions that work in slices, summed per solution."""
+"""Cycles of solutions that functions compute in slices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SIZES = (1, 2, 4)
 
 
 class EndsWhen(Enum):
-    """Condition on a word in memory that holds at the return of a solution's last slice only."""
+    """Condition on a word in memory that is true only at the return of a solution's last slice."""
 
     ZERO = "zero"
     CHANGED = "changed"
@@ -27,13 +27,13 @@ class EndsWhen(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SolutionEnd:
-    """Criterion for a complete solution."""
+    """Criterion for the end of a solution."""
 
     word: str | int
     """Variable with an optional offset (``progress`` or ``sfg+0xa80``), or an address."""
     when: EndsWhen = EndsWhen.ZERO
-    """Condition: the word is 0, for a state or a count of slices; or it differs from the previous return, for a count
-    of solutions."""
+    """Condition: the word is 0, if it is a state or a count of remaining slices; or it has changed since the previous
+    return, if it is a count of solutions."""
     size: int = 4
     """Size of the word [bytes]: 1, 2 or 4."""
 
@@ -43,7 +43,7 @@ class SolutionEnd:
         Raises
         ------
         ConfigError
-            If there is no such variable, or the word is not within it.
+            If there is no such variable, or it does not contain the word.
         """
         if isinstance(self.word, int):
             return self.word
@@ -51,32 +51,32 @@ class SolutionEnd:
         symbol = image.symbols.get(match["symbol"]) if match else None
         if match is None or symbol is None or symbol.is_function:
             raise ConfigError(
-                f"{image.name}: {self.word!r} is no variable; write the name of one, or that and an offset in bytes, "
-                "as in state+0x10"
+                f"{image.name}: {self.word!r} is not a variable; write the name of a variable, or name and offset in "
+                "bytes as in state+0x10"
             )
         offset = int(match["offset"] or "0", 0)
         if self.size not in _SIZES or offset + self.size > symbol.size:
             raise ConfigError(
-                f"{image.name}: {self.size} bytes at {self.word} are not 1, 2 or 4 bytes of the {symbol.size} of "
-                f"{symbol.name}"
+                f"{image.name}: {self.size} bytes at {self.word} are not 1, 2 or 4 bytes within the {symbol.size} "
+                f"bytes of {symbol.name}"
             )
         return symbol.address + offset
 
 
 class SolutionWatch:
-    """Counter of slices per solution, from `VirtualCortexM4.watch_solutions`.
+    """Counter of slices, by solution; see `VirtualCortexM4.watch_solutions`.
 
     Parameters
     ----------
     processor
         Processor that is not running.
     functions
-        Functions that are called once for each slice; their calls together make a solution.
+        Functions that are called once for each slice; their calls together compute a solution.
 
     Raises
     ------
     ConfigError
-        If a function or variable does not exist, or one of the functions is watched for another word already.
+        If a function or variable does not exist, or if a function is already watched with another word.
 
     Notes
     -----
@@ -89,7 +89,7 @@ class SolutionWatch:
         self._address = end.address(processor.image)
         self._functions = tuple(functions)
         self._watch = CallWatch(processor, self._functions)
-        self._watch.look_at(self._address, end.size)
+        self._watch.record_word(self._address, end.size)
         self._snapshots = SliceRecorder(processor, self._watch, self._ends)
         self.begin()
 
@@ -118,10 +118,10 @@ class SolutionWatch:
 
     @property
     def stack(self) -> int | None:
-        """Bytes of stack that the deepest slice used; None if that is unknown."""
+        """Largest stack use of a slice [bytes]; None if it is unknown."""
         sizes = map(self._watch.stack, self._functions)
         return max((size for size in sizes if size is not None), default=None)
 
     def latest(self) -> RecordedSolution | None:
-        """Return the latest complete solution since `begin`, for computing it again; None if there is none."""
+        """Return the latest complete solution since `begin`, which can be repeated; None if there is none."""
         return self._snapshots.latest()

@@ -1,1 +1,1 @@
-"""The core of the virtual board in C, and its binding: `library` loads both."""
+"""The core of the virtual board in C, and its binding for Python."""

@@ -36,16 +36,16 @@ _FLAGS = (
 )
 _CORE_FLAGS = (
     "-fno-tree-slp-vectorize",  # gcc would keep both counters of the interpreter in one vector: a third slower
-    "-falign-functions=64",  # else the interpreter is up to a tenth slower for where it happens to begin
+    "-falign-functions=64",  # the interpreter's alignment changes its speed by up to a tenth
 )
 _ZIG_FLAGS = (
-    "-mcpu=baseline",  # without it zig compiles for the processor of this very machine
+    "-mcpu=baseline",  # by default zig compiles for the processor of this machine
     "-fomit-frame-pointer",
 )
 _TIMEOUT_S = 600.0
 
 ZIG_REQUIREMENT = "ziglang>=0.13,<0.18"
-"""Package of PyPI whose compiler is used if no other one works."""
+"""PyPI package of the compiler that is used if no other one works."""
 
 RELEASE_ARCHITECTURES = ("x86_64", "aarch64")
 RELEASE_GLIBC = (2, 17)
@@ -76,12 +76,12 @@ float probe(const char *text, float value)
 
 
 def release_architecture() -> str:
-    """Return the architecture in HILTEST_WHEEL_ARCH; if it is empty, libraries are for this machine only.
+    """Return the architecture in HILTEST_WHEEL_ARCH; if it is empty, libraries are built for this machine.
 
     Raises
     ------
     ValueError
-        If releases are not built for it.
+        If releases are not built for the architecture.
     """
     name = os.environ.get("HILTEST_WHEEL_ARCH", "")
     if name and name not in RELEASE_ARCHITECTURES:
@@ -90,7 +90,7 @@ def release_architecture() -> str:
 
 
 def build_requirements() -> list[str]:
-    """Return the packages that have to be installed before the libraries can be compiled: zig, or none."""
+    """Return the packages that are needed to compile the libraries: zig, or none."""
     if release_architecture():
         return [ZIG_REQUIREMENT]
     compiler, _ = _system_compiler(os.environ.get("CC"), os.environ.get("PATH"))
@@ -104,9 +104,9 @@ def _system_compiler(cc: str | None, path: str | None) -> tuple[tuple[str, ...],
     Parameters
     ----------
     cc
-        Value of CC, which is the only candidate if it is set.
+        Value of the variable CC, which is the only candidate if it is set.
     path
-        Search path of commands, from the environment; it makes the cached answer specific to this environment.
+        Search path of commands; as a parameter, it is a part of the cache's key.
     """
     candidates = [("cc",), ("gcc",), ("clang",)] if cc is None else [tuple(shlex.split(cc))]
     present = [command for command in candidates if command and shutil.which(command[0], path=path)]
@@ -125,7 +125,7 @@ def _system_compiler(cc: str | None, path: str | None) -> tuple[tuple[str, ...],
 def _probe(command: Sequence[str]) -> str:
     """Compile, link and load a few lines; return the reason for a failure, or an empty text.
 
-    A compiler without the headers of a C library, or one for other processors, fails here.
+    The test excludes compilers for other processors and compilers without the headers of a C library.
     """
     with TemporaryDirectory(prefix="hiltest-probe-") as folder:
         source, library = Path(folder, "probe.c"), Path(folder, "probe.so")
@@ -135,14 +135,14 @@ def _probe(command: Sequence[str]) -> str:
         try:
             ctypes.CDLL(str(library))
         except OSError as error:
-            return f"Python cannot load what the C compiler makes: {error}"
+            return f"Python cannot load the library that the C compiler wrote: {error}"
     return ""
 
 
 def _compiler() -> tuple[tuple[str, ...], str]:
-    """Return the command of the compiler to use, zig's if no other one works, or the reason why none does.
+    """Return the command of the compiler to use, or the reason why none works.
 
-    A release is compiled by zig's, which links against any glibc, for any architecture.
+    zig is used if no other compiler works, and for releases, because it can link against any version of glibc.
     """
     zig = (sys.executable, "-m", "ziglang", "cc", *_ZIG_FLAGS)
     if name := release_architecture():
@@ -180,7 +180,7 @@ def _run(command: Sequence[str]) -> str:
 
 
 def sha256_of(sources: Sequence[Path]) -> str:
-    """Return the hash of C sources, which is the build ID of their library."""
+    """Return the hash of C sources, which becomes the build ID of their library."""
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
@@ -190,22 +190,22 @@ def compiled(library: Path, sources: Sequence[Path], flags: Sequence[str] = (), 
     Parameters
     ----------
     library
-        Library to make from the sources alone; an older one is removed if that fails.
+        File of the library; an older one is removed if the compilation fails.
     sources
-        C files, and the headers that they include.
+        C files and the headers that they include.
     flags
-        Flags of the compiler, beside its usual ones.
+        Additional flags of the compiler.
     exports
-        Pattern for the names of exported functions; empty for all of them.
+        Pattern for the names of exported functions; empty to export all.
 
     Returns
     -------
     str
-        Reason why the library is missing; empty if it was made.
+        Reason for a failure; empty on success.
     """
     reason = _compile(library, sources, flags, exports)
     if reason:
-        with contextlib.suppress(OSError):  # if the folder cannot be written to, it has no older library
+        with contextlib.suppress(OSError):  # if the folder is read-only
             library.unlink(missing_ok=True)  # an older library belongs to other sources
     return reason
 
@@ -218,7 +218,7 @@ def _compile(library: Path, sources: Sequence[Path], flags: Sequence[str], expor
     try:
         if reason := _link(compiler, fresh, sources, flags, exports):
             return reason
-        fresh.replace(library)  # atomically, since other processes may load it now
+        fresh.replace(library)  # atomically, because other processes may be loading the library
     except OSError as error:
         return f"the C compiler could not be run: {error}"
     finally:
@@ -248,13 +248,13 @@ def build_core() -> str:
     Returns
     -------
     str
-        Reason why they are missing; empty if both were made.
+        Reason for a failure; empty on success.
     """
     return compiled(CORE, SOURCES[CORE], _CORE_FLAGS, exports="machine_*") or _bind_core()
 
 
 def _bind_core() -> str:
-    """Generate the binding: the result of cffi's parsing of machine.h, as a module that parses nothing."""
+    """Generate the binding from machine.h, as a module that needs no parser at import."""
     try:
         from cffi import FFI
     except ImportError as error:
@@ -278,7 +278,7 @@ def _bind_core() -> str:
 
 
 def core_is_missing_because() -> str:
-    """Return why the core or its binding is unusable: missing, or older than the sources. Empty if it is usable."""
+    """Return the reason why core or binding cannot be used, such as newer sources; empty if they can."""
     sources = SOURCES[CORE]
     if reason := _unfit_reason(CORE, sources):
         return reason
@@ -298,9 +298,9 @@ def loaded(
     Parameters
     ----------
     sources
-        Sources that it must have been built from.
+        Sources of the library, which are compared with its build ID.
     kind
-        Class of ctypes, which decides if a call lets other threads of Python run.
+        Class of ctypes, which decides whether other threads of Python run during a call.
 
     Returns
     -------
@@ -308,7 +308,7 @@ def loaded(
     reason : str
         Reason; empty if the library was loaded.
     """
-    # The check comes before loading: a process does not reload a library from a path, even if it was rebuilt.
+    # The check precedes loading, because a process never loads a rebuilt library from the same path.
     if reason := _unfit_reason(library, sources):
         return None, reason
     try:
@@ -318,22 +318,22 @@ def loaded(
 
 
 def _unfit_reason(library: Path, sources: Sequence[Path]) -> str:
-    """Return why a library must not be loaded: it is missing, damaged, or built from other sources."""
+    """Return the reason why a library must not be loaded: it is missing, damaged, or built from other sources."""
     try:
         content = library.read_bytes()
     except FileNotFoundError:
         return f"{library} was not built"
     except OSError as error:
         return f"{library} cannot be loaded ({error})"
-    if _is_cut_off(content):
-        return f"{library} is cut off"
+    if _is_truncated(content):
+        return f"{library} is truncated"
     if bytes.fromhex(sha256_of(sources)) not in content:
         return f"{library} was built from another {sources[0].name}"
     return ""
 
 
-def _is_cut_off(content: bytes) -> bool:
-    """Return whether the end of an ELF file is missing: loading such a file can kill the process."""
+def _is_truncated(content: bytes) -> bool:
+    """Return whether the end of an ELF file is missing, since loading such a file can kill the process."""
     if len(content) < 64 or content[:4] != b"\x7fELF":
         return False  # the loader rejects other files
     wide = content[4] == 2

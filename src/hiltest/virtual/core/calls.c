@@ -19,7 +19,7 @@ enum {
     MOST_OPEN = 256,        /* open calls of a thread */
     MOST_THREADS = 32,      /* threads with open calls */
     MOST_NESTED = 64,       /* nested exceptions */
-    MOST_GIVEN_UP = 16,     /* recent calls of a thread whose stack was given up */
+    MOST_GIVEN_UP = 16,     /* recent calls of a thread whose stack was discarded */
     MOST_FUNCTIONS = 4096,
     MOST_PLACES = 8192,     /* functions, and their return addresses */
     PLACE_BUCKETS = 16384,
@@ -103,7 +103,7 @@ static struct place *place_of(struct calls *calls, uint32_t address)
     return &calls->places[bucket];
 }
 
-/* Call `calls_arrive` at an address. NULL if there are too many. */
+/* Let `calls_arrive` be called at an address. NULL if there are too many places. */
 static struct place *watch_place(struct machine *machine, uint32_t address)
 {
     struct calls *calls = machine->calls;
@@ -157,7 +157,7 @@ struct machine_function *machine_watched(struct machine *machine, int32_t functi
     return calls && function >= 0 && function < calls->function_count ? &calls->functions[function] : NULL;
 }
 
-void machine_tell_entries(struct machine *machine, machine_entered entered, void *context)
+void machine_report_entries(struct machine *machine, machine_entered entered, void *context)
 {
     if (begin_calls(machine)) {
         machine->calls->entered = entered;
@@ -182,7 +182,7 @@ static struct thread *current_thread(const struct machine *machine)
     return &machine->calls->threads[machine->calls->current];
 }
 
-/* Return a new record of a completed call for Python; NULL without room. */
+/* Return a new record of a completed call; NULL if out of memory, or if too many calls were not read. */
 static struct machine_call *new_call(struct calls *calls)
 {
     if (calls->done_count == calls->done_room) {
@@ -199,8 +199,8 @@ static struct machine_call *new_call(struct calls *calls)
 
 static uint32_t word_at(struct machine *machine, const struct machine_function *function)
 {
-    uint32_t word = 0, size = function->look_size;
-    return size <= sizeof word && machine_read(machine, function->looks_at, size, (uint8_t *)&word) ? word : 0;
+    uint32_t word = 0, size = function->word_size;
+    return size <= sizeof word && machine_read(machine, function->word_address, size, (uint8_t *)&word) ? word : 0;
 }
 
 /* Record a call that returned at a cycle by the instruction `place`. */
@@ -221,7 +221,7 @@ static void close_call(
         .interrupted = thread->apart.times - open->apart.times,
         .function = open->function,
         .ended_in = place,
-        .word = function->look_size ? word_at(machine, function) : 0,
+        .word = function->word_size ? word_at(machine, function) : 0,
         .stack = stacks_used(machine, open->stack, open->lowest),
         .outermost = open->outermost,
     };
@@ -288,7 +288,7 @@ static struct given_up *given_up_at(struct thread *thread, uint32_t return_addre
     return NULL;
 }
 
-/* Note the calls whose stack was given up, because the stack pointer is above theirs. */
+/* Abandon and record the calls whose stack was discarded: the stack pointer is above theirs. */
 static void give_up_below(struct calls *calls, struct thread *thread, uint32_t stack)
 {
     while (thread->open_count && thread->open[thread->open_count - 1].stack < stack) {
@@ -343,7 +343,7 @@ static bool may_be_by_return(struct machine *machine, const struct arrival *arri
         && !writes_link(&jump);
 }
 
-/* Called when an instruction is about to execute that calls return to. */
+/* Close the calls that return to the next instruction. */
 static void return_calls(struct machine *machine, uint32_t address, const struct arrival *arrival)
 {
     struct calls *calls = machine->calls;
@@ -367,7 +367,7 @@ static void return_calls(struct machine *machine, uint32_t address, const struct
         const struct open_call *call = &thread->open[i];
         if (returns && call->return_address == address)
             close_call(machine, thread, call, now(machine), arrival->from);
-        else /* a jump, but not a return, led to the return address */
+        else /* the return address was reached by a jump that is not a return */
             calls->functions[call->function].abandoned++;
         count_open(calls, call->function, -1);
     }
@@ -437,7 +437,7 @@ static void enter_function(
     };
     thread->open_count++;
     count_open(calls, function, 1);
-    if (calls->functions[function].tells && calls->entered) {
+    if (calls->functions[function].reports_entries && calls->entered) {
         calls->entered(calls->context, function, cycle);
         forget_answers(machine); /* the listener may have changed devices */
     }
@@ -454,7 +454,7 @@ void calls_arrive(struct machine *machine, const struct node *node)
     int32_t function = place_of(calls, node->address)->function;
     if (place_of(calls, node->address)->is_used && function != NONE)
         enter_function(machine, node, function, &arrival);
-    stacks_seek_lowest(machine, calls->open_count > 0);
+    stacks_record_lowest(machine, calls->open_count > 0);
 }
 
 /* -- threads ------------------------------------------------------------------------------------------------------ */
@@ -468,7 +468,7 @@ static void leave_thread(struct machine *machine, struct thread *thread)
     thread->pipeline = machine->history.pipeline;
 }
 
-/* Return the extra cycles of the code at the PC because a pipeline was emptied. */
+/* Return the extra cycles of the code at the PC that are due to an emptied pipeline. */
 static int64_t emptied_pipeline_cycles(struct machine *machine, const struct pipeline *pipeline)
 {
     struct pipeline emptied, state = *pipeline;
@@ -490,7 +490,7 @@ static void resume_thread(struct machine *machine, struct thread *thread)
     thread->is_suspended = false;
     machine->history.jumped_from = thread->arrival.from;
     machine->history.jumped_at = thread->arrival.has_jumped ? machine->core.instructions : -1;
-    stacks_seek_lowest(machine, machine->calls->open_count > 0);
+    stacks_record_lowest(machine, machine->calls->open_count > 0);
 }
 
 static void end_thread(struct calls *calls, struct thread *thread)
@@ -528,7 +528,7 @@ void calls_reset(struct machine *machine)
         end_thread(calls, &calls->threads[i]);
     begin_thread(&calls->threads[0]);
     calls->current = calls->nested = 0;
-    stacks_seek_lowest(machine, false);
+    stacks_record_lowest(machine, false);
 }
 
 static void push(struct calls *calls, int32_t thread)
@@ -560,7 +560,7 @@ void calls_entered(struct machine *machine, uint32_t frame)
     if (from_thread)
         end_stale_threads(calls, frame);
     struct thread *thread = current_thread(machine);
-    if (!thread->open_count) { /* it needs no record: the handler takes its number over */
+    if (!thread->open_count) { /* a thread without calls needs no record: the handler reuses its number */
         push(calls, NONE);
         return;
     }
@@ -579,7 +579,7 @@ void calls_entered(struct machine *machine, uint32_t frame)
     calls->current = handler;
 }
 
-/* Close the calls of an exception: of its handler, and of functions that the handler tail-called. */
+/* Close the calls of an exception's handler, and of functions that the handler tail-called. */
 static void end_handler(struct machine *machine, struct thread *handler, uint32_t place)
 {
     take_lowest(machine, handler);

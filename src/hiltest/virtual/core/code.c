@@ -83,7 +83,7 @@ void code_forget(struct machine *machine)
     code->state_count = 0;
     machine->standing = UINT16_MAX;
     memset(code->state_buckets, 0, sizeof code->state_buckets);
-    if (++code->generation == 0) { /* after a wrap-around old buckets could look new */
+    if (++code->generation == 0) { /* after a wrap-around, old buckets would be valid again */
         memset(code->buckets, 0, code->bucket_count * sizeof *code->buckets);
         code->generation = 1;
     }
@@ -230,7 +230,7 @@ bool code_set_mark(struct machine *machine, uint32_t address, enum mark mark, bo
     struct marked *entry = marked_at(machine->code, address);
     if (!entry)
         return false;
-    entry->is_used = true; /* permanently: later entries are found by passing it */
+    entry->is_used = true; /* permanently, because the search for later entries passes this one */
     entry->address = address;
     uint8_t marks = (uint8_t)(set ? entry->marks | mark : entry->marks & ~mark);
     if (marks != entry->marks)
@@ -327,7 +327,7 @@ static void insert_node(struct code *code, struct node *node)
     code->buckets[place] = (struct bucket){code->generation, node};
 }
 
-/* Double the buckets; without room keep them, until `code_is_full` returns true. */
+/* Double the buckets; if out of memory, keep them until `code_is_full` returns true. */
 static void add_buckets(struct code *code)
 {
     struct bucket *buckets = calloc(2 * (size_t)code->bucket_count, sizeof *buckets);

@@ -1,7 +1,7 @@
 /* Decoded and priced instructions, linked in the order in which they execute.
  *
  * The cost of an instruction depends on the pipeline state that the previous one leaves. A node is an instruction after
- * one such state, so its price is computed once; it leads to the nodes that can follow it.
+ * one such state, so its price is computed only once. Its links lead to the nodes that can follow it.
  */
 #ifndef HILTEST_CODE_H
 #define HILTEST_CODE_H
@@ -23,7 +23,7 @@ enum mark {
 };
 
 struct node {
-    uint16_t operation; /* the executor's first action; mostly instruction.operation */
+    uint16_t operation; /* first action of the interpreter; mostly instruction.operation */
     bool moves_stack;   /* it writes r13 */
     uint8_t marks;      /* enum mark */
     uint8_t it_state;   /* ITSTATE before the instruction */
@@ -33,8 +33,8 @@ struct node {
     uint32_t address;
     uint32_t jump;      /* address of `taken` */
     struct instruction instruction;
-    struct node *next, *taken, *skipped; /* NULL before the first time */
-    uint64_t runs, jumps, skips; /* executions without a jump, with a jump, and skips; see counts.c */
+    struct node *next, *taken, *skipped; /* NULL until the first execution */
+    uint64_t runs, jumps, skips; /* executions without and with a jump, and skips; see counts.c */
     uint16_t state;     /* numbers of the pipeline states before it, and after it */
     uint16_t next_state, taken_state, skipped_state;
     uint32_t path;      /* number in the profile that is being made, or 0 */
@@ -43,46 +43,47 @@ struct node {
 struct code *code_create(void);
 void code_destroy(struct code *code);
 
-/* Drop all nodes because code or prices have changed, or there are too many. */
+/* Drop all nodes, because code or prices have changed, or because there are too many nodes. */
 void code_forget(struct machine *machine);
 
 uint32_t code_count(const struct machine *machine);
 /* Return a node by its number; its code may have been changed. */
 struct node *code_node(struct machine *machine, uint32_t number);
 
-/* Return the node of the instruction at an address, after the pipeline state with a number. NULL without memory, whose
- * address is then *first_missing. Nodes stay where they are until `code_forget`. */
+/* Return the node of the instruction at an address after a pipeline state; NULL if there is no memory at the address,
+ * or if the host is out of memory. Nodes keep their addresses until `code_forget`. */
 struct node *code_at(struct machine *machine, uint32_t address, uint8_t it_state, uint16_t state);
 
-/* Return whether `code_forget` should be called for lack of room, when no caller holds a node. */
+/* Return whether the nodes' memory is nearly full; `code_forget` must then be called while no caller uses a node. */
 bool code_is_full(const struct machine *machine);
 
-/* counts.c: keep the counts of all nodes, and set them to zero, if executions are watched or a profile is made. */
+/* counts.c: move the counts of all nodes to the execution counts and to the profile, if either is wanted. */
 void counts_fold(struct machine *machine);
+/* Set the counts of all nodes to zero. */
 void counts_drop(struct machine *machine);
 /* Count an instruction that has faulted. */
 void counts_fault(struct machine *machine, uint32_t address);
 
-/* profile.c: called while a profile is made when execution goes from a node to an address, by a jump or without.
- * Returns whether it never leaves the path on this way, so that the nodes may be linked. */
-bool profile_follows(struct machine *machine, const struct node *from, uint32_t target, bool jumps);
-/* Add the counts of a node. */
+/* profile.c: while a profile is made, record that execution continues from a node at an address, with a jump or
+ * without. Returns whether this transition always stays on the path, so that the nodes may be linked. */
+bool profile_follow(struct machine *machine, const struct node *from, uint32_t target, bool jumps);
+/* Add the counts of a node to the profile. */
 void profile_add(struct machine *machine, const struct node *node);
 void profile_destroy(struct machine *machine);
 
-/* Price nodes by so many tables, including the machine's own. Drops all nodes. False without room. */
+/* Price nodes by `count` tables, including the machine's own, and drop all nodes. False if out of memory. */
 enum { MOST_TABLES = 128 };
 bool code_set_tables(struct machine *machine, uint32_t count);
-/* Add to totals, one for each table, the cycles of all counts of nodes. */
+/* Add the cycles of all nodes' counts to `totals`, which has one entry for each table. */
 void code_add_cycles(struct machine *machine, int64_t *totals);
 
-/* Return the number of a pipeline state; with several tables, of one state for each. */
+/* Return the number of a pipeline state; with several price tables, of an array with one state for each. */
 uint16_t code_state_number(struct machine *machine, const struct pipeline *pipelines);
 const struct pipeline *code_state(const struct machine *machine, uint16_t number);
 /* Return the number of the state before the next instruction. */
 uint16_t code_next_state(struct machine *machine);
 
-/* Add or remove a mark of an address. False if there are too many marked addresses. */
+/* Set or clear a mark of an address. False if there are too many marked addresses. */
 bool code_set_mark(struct machine *machine, uint32_t address, enum mark mark, bool set);
 
 #endif

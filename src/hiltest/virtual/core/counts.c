@@ -1,4 +1,4 @@
-/* Execution counts of instructions by address, which outlast the nodes that count them. */
+/* Execution counts of instructions by address, which are kept when the nodes are dropped. */
 #include <stdlib.h>
 
 #include "code.h"

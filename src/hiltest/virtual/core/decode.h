@@ -1,7 +1,7 @@
 /* The decoder's tables of encodings.
  *
  * A row is an encoding of the ARMv7-M Architecture Reference Manual, DDI 0403E, and a group is a table of its
- * chapters A5 and A6. In a group the first matching row counts, so special cases stand before the general rule.
+ * chapters A5 and A6. The first matching row of a group applies, so special cases precede the general rule.
  */
 #ifndef HILTEST_DECODE_H
 #define HILTEST_DECODE_H
@@ -19,11 +19,11 @@ struct code_word {
 enum register_kind {
     REGISTER_ABSENT,
     REGISTER_LOW,    /* three bits: r0 to r7 */
-    REGISTER_NOT_PC, /* four bits, UNPREDICTABLE with the PC. The behaviour of silicon is not published; decoding the
-                        instruction as undefined shows the mistake at once. */
+    REGISTER_NOT_PC, /* four bits, UNPREDICTABLE for the PC: as the behaviour of silicon is not published, the
+                        instruction is undefined, which shows the mistake at once */
     REGISTER_ANY,    /* four bits */
     REGISTER_SINGLE, /* an s register: four bits, and a separate lowest bit */
-    REGISTER_FIXED,  /* `low` itself */
+    REGISTER_FIXED,  /* no bits: the number is `low` */
 };
 struct register_field {
     uint8_t low, kind; /* lowest bit; enum register_kind */
@@ -36,14 +36,14 @@ struct number_field {
 
 struct encoding {
     const char *name;     /* from the manual, with the number of the encoding */
-    uint32_t mask, value; /* match if bits & mask == value; encodings of two bytes are in the lower half */
+    uint32_t mask, value; /* matches if bits & mask == value; encodings of two bytes are in the lower half */
     uint16_t operation;
     struct register_field d, n, m, a;
     struct number_field immediate, amount;
-    /* Write the other fields, if there are any, after all fields above. It may change the operation, since a row may
-     * stand for several forms of one. */
+    /* Write the remaining fields, after all fields above; NULL if there are none. It may change the operation, since a
+     * row may have several forms of one. */
     void (*extract)(const struct code_word *word, struct instruction *decoded);
-    bool is_baseline;     /* ARMv6-M has this encoding of four bytes; of two bytes it has all but CBZ, CBNZ and IT */
+    bool is_baseline;     /* ARMv6-M has this encoding of four bytes; it has all of two bytes except CBZ, CBNZ and IT */
 };
 
 struct encoding_group {
@@ -65,7 +65,7 @@ struct encoding_group {
 /* Lists of groups, one for each file; a group without rows ends a list. */
 extern const struct encoding_group narrow_groups[], data_groups[], access_groups[], float_groups[];
 
-/* Write the fields for the cycle model, from the other fields (decode_costs.c). */
+/* decode_costs.c: write the fields for the cycle model, which follow from the other fields. */
 void describe_costs(struct instruction *decoded);
 
 /* Forms of a data-processing operation, as offsets from its first one, see DATA_OPERATIONS. */
@@ -93,7 +93,7 @@ static inline uint8_t single_at(const struct code_word *word, unsigned low)
 
 static inline bool is_set(uint32_t word, unsigned bit) { return word >> bit & 1; }
 
-/* The PC as an operand: the instruction's address plus 4 (A5.1.2). */
+/* The value of the PC as an operand: the instruction's address plus 4 (A5.1.2). */
 static inline uint32_t pc_operand(const struct code_word *word) { return word->address + 4; }
 
 /* The PC as the base of a literal (Align(PC, 4)). */
@@ -108,19 +108,19 @@ static inline uint8_t count_bits(uint32_t mask)
 
 static inline void undefine(struct instruction *decoded) { decoded->operation = OP_UNDEFINED; }
 
-/* Return whether a data-processing operation has a form that sets the flags. */
+/* Return whether the form of a data-processing operation is one that sets the flags. */
 static inline bool has_flag_form(const struct instruction *decoded)
 {
     return (decoded->operation - OP_AND_I) % 2 == FORM_SETS_FLAGS;
 }
 
-/* Shift of a register by a number (DecodeImmShift, A7.4). */
+/* Set the shift of a register by a number (DecodeImmShift, A7.4). */
 void set_shift(struct instruction *decoded, uint32_t type, uint32_t amount);
 
-/* Multiple transfer of the registers of the mask `immediate`, see OP_LDM. */
+/* Set the fields of a multiple transfer of the registers in the mask `immediate`, see OP_LDM. */
 void transfer_list(struct instruction *decoded, uint8_t mode);
 
-/* Hints have no fields, but a row of their own in the cycle model. */
+/* Set the cycle model's row of a hint, which has no fields. */
 void hint(const struct code_word *word, struct instruction *decoded);
 
 #endif

@@ -1,4 +1,4 @@
-"""Decoded instructions, as the core sees them."""
+"""Decoder of instructions, which is that of the core."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from hiltest.virtual.core.library import ffi, lib
 
-_AT_ONCE = 32  # instructions, because readers often stop at a jump
+_AT_ONCE = 32  # few instructions, because callers often stop at a jump
 
 
 def decode(address: int, code: bytes) -> Iterator[Any]:

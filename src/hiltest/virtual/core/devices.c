@@ -78,7 +78,7 @@ void write_by_bytes(struct machine *machine, struct device *device, uint32_t off
         device->write_byte(machine, device, offset + i, (uint8_t)(value >> 8 * i));
 }
 
-void tell_host(struct machine *machine) { machine->told_host = true; }
+void notify_host(struct machine *machine) { machine->host_notified = true; }
 
 void machine_set_clocked(struct machine *machine, uint32_t base, bool is_clocked)
 {

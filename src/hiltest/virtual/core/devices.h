@@ -1,4 +1,4 @@
-/* Peripherals in C, which answer accesses to the registers of a page. */
+/* Peripherals in C, which handle accesses to the registers of a page. */
 #ifndef HILTEST_DEVICES_H
 #define HILTEST_DEVICES_H
 
@@ -10,28 +10,28 @@
 struct device {
     uint32_t base;   /* address of its page, or of its part of a page */
     uint32_t bytes;  /* size of its address range */
-    size_t size;     /* of its whole structure */
-    bool is_clocked; /* clock gate is open; otherwise the bus refuses accesses with a reason */
+    size_t size;     /* of its complete structure */
+    bool is_clocked; /* the clock gate is open; otherwise accesses go to the bus, which refuses them with a reason */
     uint32_t (*read)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
     void (*write)(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
-    void (*reset)(struct machine *machine, struct device *device); /* state after a reset of the chip; or NULL */
+    void (*reset)(struct machine *machine, struct device *device); /* enter the state after a chip reset; or NULL */
     uint8_t (*read_byte)(struct machine *machine, struct device *device, uint32_t offset); /* see read_by_bytes */
     void (*write_byte)(struct machine *machine, struct device *device, uint32_t offset, uint8_t value);
     uint32_t (*read_word)(struct machine *machine, struct device *device, uint32_t offset); /* see read_by_words */
-    void (*destroy)(struct device *device); /* free its resources; NULL without any */
-    /* Restore further state from the bytes that its structure had; NULL without any. */
+    void (*destroy)(struct device *device); /* free its resources; NULL if it has none */
+    /* Restore state outside of the structure, from the earlier bytes of the structure; NULL if there is none. */
     void (*restore)(struct device *device, const void *state);
 };
 
-/* Add a copy of a device, which answers for its page, and reset it; NULL without room. A snapshot copies the whole
- * structure, too: its pointers never change, or `restore` updates them. */
+/* Add a copy of a device to the machine, and reset it; NULL if out of memory. A snapshot copies the whole structure, so
+ * its pointers must never change, or `restore` must update them. */
 struct device *add_device(struct machine *machine, const struct device *device, size_t size);
-/* Return the first device that answers for all bytes of an access, if there is one and its gate is open. */
+/* Return the first device that has all bytes of an access; NULL if there is none, or if its clock gate is closed. */
 struct device *device_at(const struct machine *machine, uint32_t address, uint32_t size);
-/* Return the device that begins at an address, or NULL. */
+/* Return the device whose first address is `base`, or NULL. */
 struct device *device_of(const struct machine *machine, uint32_t base);
 
-/* Access registers of a device, or, if it is NULL, those of the bus. A bus error sets `refused`. */
+/* Access a register of a device; with NULL, a register on the bus. A bus error sets `refused`. */
 static inline uint32_t read_bus(
     struct machine *machine, struct device *device, uint32_t address, uint32_t size, bool *refused)
 {
@@ -48,21 +48,21 @@ static inline void write_bus(
         machine->bus.write(machine->bus.context, address, size, value, refused);
 }
 
-/* Return the bytes of a word register that an access at an offset covers. */
+/* Return the part of a word register that an access at an offset covers. */
 uint32_t part_of_word(uint32_t word, uint32_t offset, uint32_t size);
-/* `read` and `write` of devices with registers of one byte: access one after the other. */
+/* `read` and `write` of devices with registers of one byte, which are accessed one after the other. */
 uint32_t read_by_bytes(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
 void write_by_bytes(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value);
 /* `read` of devices with registers of one word. */
 uint32_t read_by_words(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
 
-/* pit.c: let expiries of some channels (a bit each) pass requests. */
-void hear_timers(struct machine *machine, uint32_t base, uint32_t channels);
+/* pit.c: select the channels, one bit each, whose expiries trigger DMA channels. */
+void select_triggers(struct machine *machine, uint32_t base, uint32_t channels);
 /* dma.c: pass one request of a channel that is gated by its timer. */
-void let_request_through(struct machine *machine, int32_t channel);
+void trigger_request(struct machine *machine, int32_t channel);
 /* dwt.c: DEMCR.TRCENA. */
 void enable_trace(struct machine *machine, bool is_enabled);
-/* Note an event that the host may wait for: a byte for it. */
-void tell_host(struct machine *machine);
+/* Record an event that the host may wait for: a byte for the host. */
+void notify_host(struct machine *machine);
 
 #endif

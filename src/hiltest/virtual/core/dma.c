@@ -1,4 +1,4 @@
-/* eDMA and DMAMUX of Kinetis parts: sixteen channels that move data while the processor does something else.
+/* eDMA and DMAMUX of Kinetis parts: sixteen channels that transfer data in parallel with the processor.
  *
  * Minor loops are carried out one after the other without interruption. Their data reaches memory and peripherals at
  * the end of the time that it takes, in pieces if it is long.
@@ -52,7 +52,7 @@ struct dma {
     uint32_t refusal;   /* bits of ES, or 0 */
     int64_t remaining, moving; /* bytes of the minor loop; bytes that the event moves */
     uint8_t sources[CHANNELS]; /* CHCFG of the DMAMUX */
-    uint32_t let_through; /* channels that are gated by their timer, and have a request to pass */
+    uint32_t triggered; /* channels that are gated by their timer, and have a request to pass */
 };
 
 struct multiplexer {
@@ -71,7 +71,7 @@ static bool is_asked(const struct machine *machine, const struct dma *dma, uint3
 static bool is_requested(const struct machine *machine, const struct dma *dma, uint32_t channel)
 {
     const bool is_held = channel < HOLDABLE_CHANNELS && dma->sources[channel] & CHCFG_TRIG;
-    return is_asked(machine, dma, channel) && (!is_held || dma->let_through >> channel & 1);
+    return is_asked(machine, dma, channel) && (!is_held || dma->triggered >> channel & 1);
 }
 
 /* Return whether a channel precedes one that has a lower number. */
@@ -173,7 +173,7 @@ static bool is_peripheral(uint32_t address) { return address - DEVICE_BASE < DEV
 
 static int64_t words_of(uint32_t bytes) { return bytes > BUS_BYTES ? bytes / BUS_BYTES : 1; }
 
-/* Plan the move of the next piece, at the end of the time that it takes from a cycle on. */
+/* Plan the transfer of the next piece, at the end of its duration, which begins at a cycle. */
 static void plan_piece(struct machine *machine, struct dma *dma, int64_t cycle)
 {
     const struct descriptor *active = &dma->active;
@@ -195,7 +195,7 @@ static void begin(struct machine *machine, struct dma *dma, int64_t cycle)
         return;
     struct descriptor *descriptor = &dma->descriptors[channel];
     descriptor->control = (uint16_t)((descriptor->control & ~(CSR_START | CSR_DONE)) | CSR_ACTIVE);
-    dma->let_through &= ~(1u << channel);
+    dma->triggered &= ~(1u << channel);
     dma->channel = channel;
     dma->active = *descriptor;
     dma->has_offset = dma->control & CR_EMLM;
@@ -423,7 +423,7 @@ static void change_controls(struct dma *dma, uint32_t channels, uint16_t cleared
             dma->descriptors[channel].control = (uint16_t)((dma->descriptors[channel].control & ~cleared) | set);
 }
 
-/* Registers that set or clear one bit, or all. */
+/* Write a register that sets or clears one bit, or all bits. */
 static void command(struct dma *dma, uint32_t offset, uint8_t value)
 {
     const uint32_t bits = value & COMMAND_ALL ? ALL_CHANNELS : 1u << (value & 0xF);
@@ -517,8 +517,8 @@ static void hold_channels(struct machine *machine, struct dma *dma)
     uint32_t held = 0;
     for (int32_t channel = 0; channel < HOLDABLE_CHANNELS; channel++)
         held |= (uint32_t)((dma->sources[channel] & CHCFG_TRIG) != 0) << channel;
-    dma->let_through &= held;
-    hear_timers(machine, dma->connections.timers, held);
+    dma->triggered &= held;
+    select_triggers(machine, dma->connections.timers, held);
 }
 
 static void write_source(struct machine *machine, struct device *device, uint32_t offset, uint32_t size, uint32_t value)
@@ -538,12 +538,12 @@ static void reset_multiplexer(struct machine *machine, struct device *device)
     hold_channels(machine, dma);
 }
 
-void let_request_through(struct machine *machine, int32_t channel)
+void trigger_request(struct machine *machine, int32_t channel)
 {
     struct dma *dma = (struct dma *)machine->dma;
     if (!is_asked(machine, dma, (uint32_t)channel))
         return;
-    dma->let_through |= 1u << channel;
+    dma->triggered |= 1u << channel;
     look(machine, dma);
 }
 

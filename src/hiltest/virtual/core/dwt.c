@@ -7,8 +7,8 @@
 #include "devices.h"
 
 enum { CTRL = 0x0, CYCCNT = 0x4, CTRL_CYCCNTENA = 1, CTRL_NOCYCCNT = 1 << 25, CTRL_COMPARATORS = 4 << 28 };
-enum { POLLS = 16, SOON_CYCLES = 40 }; /* so many readings in quick succession time nothing */
-enum { READINGS = 400 };               /* four for each of up to 80 steps that one command times, and a reserve */
+enum { POLLS = 16, SOON_CYCLES = 40 }; /* more readings in quick succession are polling, and time no code */
+enum { READINGS = 400 };               /* four for each of the 80 steps that one command may time, and a reserve */
 static const uint32_t DWT_BASE = 0xE0001000;
 
 /* Reading number n is at n % READINGS, until the host removes it. */
@@ -62,7 +62,7 @@ static void keep_reading(struct machine *machine, struct dwt *dwt)
     dwt->loads = machine->core.device_loads;
 }
 
-/* Return whether one instruction reads the counter over and over, each time soon after the last. */
+/* Return whether one instruction polls the counter: it has read it repeatedly, each time soon after the last. */
 static bool is_polled(const struct core *core, struct dwt *dwt)
 {
     const bool is_again = core->r[15] == dwt->place && core->cycles - dwt->read_at <= SOON_CYCLES;

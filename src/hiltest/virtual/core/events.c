@@ -110,7 +110,7 @@ int32_t machine_add_clock(struct machine *machine)
     return calendar->clock_count++;
 }
 
-/* Compute the cycles of a clock's events after a change of its rate, in a stable order. */
+/* Recompute the cycles of a clock's events after a change of its rate; the order of equal cycles is stable. */
 static void replan_events(struct machine *machine, int32_t clock)
 {
     struct calendar *calendar = &machine->calendar;

@@ -95,7 +95,7 @@ static void write_words(struct machine *machine, uint32_t address, const uint32_
 
 /* -- floating-point state ----------------------------------------------------------------------------------------- */
 
-/* A frame that is no longer in RAM is not written: its memory is gone, and cannot be read. */
+/* A frame that is no longer in RAM is not written. */
 static void save_floating_point(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -127,7 +127,7 @@ void machine_save_floats(struct machine *machine)
 
 /* -- entry -------------------------------------------------------------------------------------------------------- */
 
-/* Clear the pipeline at an entry or a return, so that earlier code has no effect on later code. Both set the event
+/* Empty the pipeline at an entry or a return, so that earlier code has no effect on later code. Both set the event
  * register (B1.5.18) and clear the local monitor (A3.4.4). */
 static void start_anew(struct machine *machine)
 {
@@ -159,7 +159,7 @@ static void push_frame(struct machine *machine, uint32_t base, uint32_t size)
     }
 }
 
-/* Return the vector of an exception: 0 if the table is in no memory. That fault replaces one at stacking. */
+/* Return the vector of an exception: 0 if the table is in no memory. That fault replaces a fault of stacking. */
 static uint32_t read_vector(struct machine *machine, int32_t exception)
 {
     struct core *core = &machine->core;
@@ -206,7 +206,7 @@ static void enter(struct machine *machine, int32_t exception)
     uint32_t vector = read_vector(machine, exception);
     calls_entered(machine, base | frame_flags(exc_return));
     core->r[13] = base;
-    look_at_stack(machine, false, core->r[15]);
+    check_stack(machine, false, core->r[15]);
     if (uses_process_stack(core))
         stacks_handler_begins(machine);
     core->r[14] = exc_return;
@@ -214,7 +214,7 @@ static void enter(struct machine *machine, int32_t exception)
     core->thumb = vector & 1;
     core->it_state = 0;
     set_mode(core, (uint32_t)exception, core->control & CONTROL_NPRIV);
-    look_at_stack(machine, true, core->r[15]);
+    check_stack(machine, true, core->r[15]);
     begin_exception(core, exception);
     core->cycles += entry_cycles(machine, extended && core->lazy_frame == 0);
     core->is_chained = core->is_saved = core->sleeping = false;
@@ -273,7 +273,7 @@ int32_t machine_deliver_fault(struct machine *machine)
         if (core->fault.kind == FAULT_NONE)
             return last;
     }
-    core->fault.kind = FAULT_NONE; /* HardFault's own entry has failed */
+    core->fault.kind = FAULT_NONE; /* the entry of HardFault has failed */
     return EXCEPTION_NONE;
 }
 
@@ -344,7 +344,7 @@ static void deactivate(struct machine *machine)
     if (last_active(core) != EXCEPTION_NMI)
         core->faultmask = 0; /* a return from NMI does not clear it (B1.5.8) */
     end_exception(core);
-    machine->looks = true;
+    machine->must_check = true;
 }
 
 static void unstack(struct machine *machine, uint32_t exc_return, uint32_t base, const uint32_t frame[FRAME_WORDS])
@@ -394,7 +394,7 @@ bool leave_exception(struct machine *machine, uint32_t exc_return, uint32_t plac
     start_anew(machine);
     int32_t cycles = core->thumb ? return_cycles(machine, restores) : 0;
     calls_left(machine, base | frame_flags(exc_return), cycles, place);
-    look_at_stack(machine, true, core->r[15]);
+    check_stack(machine, true, core->r[15]);
     if (!core->thumb) {
         uint32_t xpsr = frame[FRAME_XPSR] & ~(uint32_t)XPSR_REALIGNED;
         return refuse_return(machine, FAULT_INVALID_STATE, CAUSE_RETURN_THUMB, core->r[15], xpsr);

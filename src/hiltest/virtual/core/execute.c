@@ -1,4 +1,4 @@
-/* The interpreter. It is compiled twice, see execute_waits.c, so that most machines do not pay for waits. */
+/* The interpreter. It is compiled twice, see execute_waits.c, so that waits do not slow down machines without them. */
 #include "execute.h"
 
 #include <string.h>
@@ -55,7 +55,7 @@ static inline uint32_t add_setting_flags(struct core *core, uint32_t a, uint32_t
 
 /* -- memory ------------------------------------------------------------------------------------------------------ */
 
-/* Store the state that accesses outside plain memory need: time, and current instruction. */
+/* Store the state that callbacks need: time and current instruction. */
 #define PUBLISH() \
     (core->cycles = cycles, core->instructions = instructions, core->r[PC] = node->address, \
      core->it_state = node->it_state, machine->running = node)
@@ -87,7 +87,7 @@ static inline int32_t fetch_wait(struct machine *machine, const struct node *nod
         : 0;
 }
 
-/* Return the cycles that its only access waits, or its first one. */
+/* Return the wait of the instruction's only access, or of its first one [cycles]. */
 static inline int32_t access_wait(
     struct machine *machine, const struct node *node, uint32_t address, uint32_t size, int64_t cycle)
 {
@@ -125,7 +125,7 @@ static inline void forget_fetched_word(struct machine *machine)
 static inline void follow_stack(struct machine *machine, const struct node *node, uint32_t next)
 {
     machine->core.r[13] &= ~3u;
-    look_at_stack(machine, node->instruction.sets_stack, next);
+    check_stack(machine, node->instruction.sets_stack, next);
 }
 
 /* -- floating point ---------------------------------------------------------------------------------------------- */
@@ -197,7 +197,7 @@ static void move_status(struct core *core, const struct instruction *i)
     }
 }
 
-/* Execute floating-point operations that are not frequent. */
+/* Execute rare floating-point operations. */
 static void compute_float(struct core *core, const struct instruction *i)
 {
     uint32_t n = core->s[i->n], m = core->s[i->m], *d = &core->s[i->d], *fpscr = &core->fpscr;
@@ -387,7 +387,7 @@ static void compute_rest(struct core *core, const struct instruction *i)
 /* Return the cycle up to which to execute, after a possible request for a check. */
 static int64_t nearest(const struct machine *machine, int64_t horizon)
 {
-    if (machine->looks)
+    if (machine->must_check)
         return INT64_MIN;
     return earlier(horizon, earlier(machine->core.deadline, machine_next_event(machine)));
 }
@@ -405,14 +405,14 @@ static struct node *follow_behind(
     struct machine *machine, struct node *node, struct node **link, uint8_t it_state, uint16_t state)
 {
     uint32_t behind = node->address + node->instruction.size;
-    bool links = !machine->profiles || profile_follows(machine, node, behind, false);
+    bool links = !machine->profiles || profile_follow(machine, node, behind, false);
     struct node *next = follow(machine, behind, it_state, state);
     if (links)
         *link = next;
     return next;
 }
 
-/* Set the core's state to that before an instruction. */
+/* Set the core's state to that before an instruction at an address. */
 static void stand_at(struct machine *machine, uint32_t address, uint8_t it_state, uint16_t state)
 {
     machine->core.r[PC] = address;
@@ -875,7 +875,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         }
         target = i->immediate | 1;
     arrives: {
-        bool links = !machine->profiles || profile_follows(machine, node, target & ~1u, true);
+        bool links = !machine->profiles || profile_follow(machine, node, target & ~1u, true);
         struct node *taken = target & 1 ? follow(machine, target & ~1u, 0, node->taken_state) : NULL;
         from = node;
         cycles += node->taken_cost;

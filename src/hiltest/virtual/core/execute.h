@@ -5,24 +5,24 @@
 #include "code.h"
 
 enum outcome {
-    RAN,      /* until the horizon, or to an instruction that has no node yet */
+    RAN,      /* up to the horizon, or to an instruction without a node */
     FAULTED,  /* core.fault is set */
     LOOPED,   /* at a branch to itself */
-    SLEPT,    /* behind WFI or WFE */
+    SLEPT,    /* after WFI or WFE */
     BROKE,    /* at a breakpoint */
-    LEFT,     /* by a branch to EXC_RETURN, which is in `machine->history.exc_return` */
+    LEFT,     /* at a branch to EXC_RETURN, whose value is in `machine->history.exc_return` */
 };
 
-/* Execute from a node on, at least one instruction, until one begins at or after the cycle `horizon`. `horizon` is
- * lowered to core.deadline if that is lower, and to zero if machine->looks is set. Afterwards r15, it_state and
- * machine->history.pipeline belong to the next instruction. */
+/* Execute at least one instruction, beginning with a node, until an instruction begins at or after the cycle `horizon`.
+ * `horizon` is lowered to core.deadline if that is lower, and to zero if machine->must_check is set. Afterwards r15,
+ * it_state and machine->history.pipeline belong to the next instruction. */
 enum outcome execute(struct machine *machine, struct node *node, int64_t horizon);
 /* The same on a machine whose memories add waits. */
 enum outcome execute_with_waits(struct machine *machine, struct node *node, int64_t horizon);
 
 /* machine.c: the node of the next instruction; NULL with core.fault set if there is none. */
 struct node *next_node(struct machine *machine);
-/* Execute from a node on as `execute` does. Returns a reason to stop, or -1. */
+/* Execute from a node on as `execute` does; return an enum stop_reason, or -1 to continue. */
 int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon);
 
 /* system.c: special registers and masks, as accessed by MRS, MSR and CPS (DDI 0403E, B5.2). */
@@ -33,13 +33,13 @@ void change_masks(struct machine *machine, const struct instruction *instruction
 
 /* transfers.c: instructions that transfer several words, or that use the exclusive monitor.
  *
- * Each returns false if it faults: core.fault is then set and no base register has been written back, though some words
- * may have been transferred (DDI 0403E, B1.5.9: the base is restored, so that the instruction can be restarted).
+ * Each function returns false on a fault: core.fault is then set, and the base register is unchanged so that the
+ * instruction can be restarted, although some words may have been transferred (DDI 0403E, B1.5.9).
  */
-/* Return the address of the first word of a transfer of `words` words, before it is executed. */
+/* Return the address of the first word of a transfer, before the transfer is executed. */
 uint32_t transfer_address(const struct core *core, const struct instruction *instruction);
 
-/* LDM and POP; *target is the value loaded into the PC, if it is in the list. */
+/* LDM and POP; if the PC is in the list, *target is its loaded value. */
 bool load_multiple(struct machine *machine, const struct instruction *instruction, uint32_t *target);
 bool store_multiple(struct machine *machine, const struct instruction *instruction);
 bool load_double(struct machine *machine, const struct instruction *instruction);

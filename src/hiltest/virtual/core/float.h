@@ -1,8 +1,8 @@
 /* Single-precision arithmetic of the FPU, exact to the bit: NaNs, rounding modes, flush-to-zero, exception flags.
  *
- * The general arithmetic works with integers. The host calculates in the case that dominates real firmware: FPSCR
- * selects round-to-nearest without flush-to-zero, the result is neither special nor tiny, and an earlier result
- * was inexact, so that no exception flag can change, because IXC is cumulative.
+ * The general arithmetic uses integers. The host's floating-point unit computes the case that dominates real firmware:
+ * FPSCR selects round-to-nearest without flush-to-zero, the result is neither special nor tiny, and an earlier result
+ * was inexact, so that no exception flag can change (IXC is cumulative).
  *
  * All values are IEEE 754 bit patterns. References are to the ARMv7-M Architecture Reference Manual, DDI 0403E, A2.5
  * and B1.4; the pseudocode's names are FPAdd, FPMul and so on.
@@ -25,27 +25,28 @@ enum {
 #define FPSCR_FLAGS 0xF0000000u    /* N, Z, C, V */
 #define FPSCR_WRITABLE 0xF7C0009Fu /* bits that VMSR changes */
 
-/* Each function takes FPSCR by pointer, to read modes and to set cumulative exception bits. Addition, subtraction,
- * multiplication and multiplication with addition are at the end of this file. */
+/* The functions take FPSCR by pointer, to read its modes and to set its cumulative exception bits. Addition,
+ * subtraction, multiplication and multiply-accumulate are at the end of this file. */
 uint32_t float_divide(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t float_square_root(uint32_t a, uint32_t *fpscr);
 
-/* Flags N, Z, C, V of a comparison in the upper four bits (FPCompare); `signals`: quiet NaNs are invalid too. */
+/* Return the flags N, Z, C, V of a comparison in the upper four bits (FPCompare); `signals`: quiet NaNs are invalid,
+ * too. */
 uint32_t float_compare(uint32_t a, uint32_t b, bool signals, uint32_t *fpscr);
 
-/* Convert to a number of `bits` bits (16 or 32) with `fraction_bits` of fraction, saturated (FPToFixed); 16-bit results
- * are sign-extended to 32. `truncates`: towards zero, otherwise by FPSCR. */
+/* Convert to a fixed-point number of 16 or 32 bits with `fraction_bits` of fraction, with saturation (FPToFixed);
+ * 16-bit results are sign-extended to 32. `truncates`: round towards zero, otherwise as FPSCR selects. */
 uint32_t float_to_fixed(
     uint32_t a, uint32_t bits, uint32_t fraction_bits, bool is_signed, bool truncates, uint32_t *fpscr);
-/* The inverse; `nearest`: round to nearest whatever FPSCR says (VCVT of fixed-point numbers), otherwise by FPSCR. */
+/* The inverse. `nearest`: round to nearest (VCVT of fixed-point numbers), otherwise as FPSCR selects. */
 uint32_t float_from_fixed(
     uint32_t value, uint32_t bits, uint32_t fraction_bits, bool is_signed, bool nearest, uint32_t *fpscr);
 
-/* Half precision, IEEE or alternative by FPSCR.AHP, in the low 16 bits. */
+/* Half precision in the low 16 bits, in the IEEE or the alternative format (FPSCR.AHP). */
 uint32_t float_to_half(uint32_t a, uint32_t *fpscr);
 uint32_t float_from_half(uint32_t half, uint32_t *fpscr);
 
-/* The general arithmetic, for the cases in which the host's differs. */
+/* The general arithmetic, for the cases in which the host's arithmetic differs. */
 uint32_t general_add(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_subtract(uint32_t a, uint32_t b, uint32_t *fpscr);
 uint32_t general_multiply(uint32_t a, uint32_t b, uint32_t *fpscr);
@@ -67,9 +68,9 @@ inline uint32_t from_float(float number)
     return bits;
 }
 
-/* Return whether a result of the host is the FPU's and leaves FPSCR unchanged: it is a finite number from 2^-64 on,
- * rounded to nearest, and IXC is set already. So far from subnormal numbers a result is the same even if a library that
- * was compiled with -ffast-math has made the host flush them to zero. */
+/* Return whether the host's result is the FPU's and leaves FPSCR unchanged: it is a finite number of at least 2^-64,
+ * rounded to nearest, and IXC is already set. The lower limit makes results independent of a library compiled with
+ * -ffast-math that lets the host flush subnormal numbers to zero. */
 inline bool is_final(uint32_t result, uint32_t fpscr)
 {
     const uint32_t smallest = (uint32_t)(127 - 64) << 23, infinity = 0x7F800000u;
@@ -95,9 +96,9 @@ inline uint32_t float_multiply(uint32_t a, uint32_t b, uint32_t *fpscr)
     return is_final(product, *fpscr) ? product : general_multiply(a, b, fpscr);
 }
 
-/* addend + a * b, rounded once (FPMulAdd). The product of two floats is exact as a double; the sum is rounded to double
- * and then to float. The two roundings differ from a single one only if the double lies halfway between two floats. If
- * the product of two numbers is zero, the host may have flushed a subnormal factor, see `is_final`. */
+/* addend + a * b, rounded once (FPMulAdd). The product of two floats is exact in double precision; the sum is rounded
+ * to double and then to float. The two roundings differ from a single one only if the double is halfway between two
+ * floats. If the product of two nonzero factors is zero, the host may have flushed a subnormal one, see `is_final`. */
 inline uint32_t float_multiply_add(uint32_t addend, uint32_t a, uint32_t b, uint32_t *fpscr)
 {
     const double product = (double)to_float(a) * (double)to_float(b), exact_sum = product + (double)to_float(addend);

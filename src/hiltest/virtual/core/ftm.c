@@ -1,8 +1,8 @@
-/* FTM of Kinetis parts: 16-bit counters whose channels compare, capture and make pulse widths (K64 reference manual,
- * chapter "FlexTimer Module").
+/* FTM of Kinetis parts: 16-bit counters whose channels compare, capture and generate pulse widths (K64 reference
+ * manual, chapter "FlexTimer Module").
  *
- * Unobserved edges cause no events: flags, levels and loaded values are computed from the elapsed
- * ticks. The next edge is planned only if it interrupts or its channel is listened to.
+ * Unobserved edges cause no events: flags, levels and loaded values are computed from the elapsed ticks. The next edge
+ * is planned only if it interrupts or its channel is listened to.
  *
  * DMA requests, quadrature, faults, dead time, dual capture, hardware triggers, inversion and a common time base are
  * not modelled, and are reported if firmware requests them. Capture has no filter and no delay.
@@ -44,7 +44,7 @@ struct ftm {
     struct machine_ftm connections;
     int32_t external;    /* clock that counts the rising edges of a pin */
     struct event edge;   /* next observed edge */
-    uint32_t heard;      /* channels that are listened to, a bit each */
+    uint32_t reported;   /* set of channels whose edges are reported */
     struct counter counter;
     int64_t phase;       /* while the counter is stopped */
     int64_t origin;      /* tick of the source from which prescaled ticks count */
@@ -354,7 +354,7 @@ static int64_t next_edge(const struct ftm *ftm)
         uint32_t both = pair_of(ftm, index) & (PAIR_COMBINED | PAIR_COMPLEMENTED) ? 3u << (index & ~1) : 0;
         if (kind_of(ftm, index) >= COMPARE && channel->control & CH_CHIE && !channel->flag)
             awaited |= 1u << index;
-        if (ftm->heard >> index & 1 && level_of(ftm, index) != NO_LEVEL)
+        if (ftm->reported >> index & 1 && level_of(ftm, index) != NO_LEVEL)
             followed |= 1u << index | both;
     }
     bool waits = word(ftm, SC) & SC_TOIE && !ftm->flag;
@@ -396,14 +396,14 @@ static void settle(struct machine *machine, struct ftm *ftm)
 {
     uint32_t changed = 0;
     for (int32_t index = 0; index < ftm->connections.channels; index++) {
-        int32_t level = ftm->heard >> index & 1 ? level_of(ftm, index) : NO_LEVEL;
+        int32_t level = ftm->reported >> index & 1 ? level_of(ftm, index) : NO_LEVEL;
         changed |= (uint32_t)(level != ftm->channels[index].shown) << index;
         ftm->channels[index].shown = level;
     }
     drive(machine, ftm);
     plan(machine, ftm);
     for (int32_t index = 0; index < ftm->connections.channels; index++)
-        if (changed & ftm->heard & 1u << index)
+        if (changed & ftm->reported & 1u << index)
             ftm->connections.changed(ftm->connections.context, index);
 }
 
@@ -603,11 +603,11 @@ bool machine_add_ftm(struct machine *machine, uint32_t base, struct machine_ftm 
     return ftm.external != NO_CLOCK && add_device(machine, &ftm.device, sizeof ftm);
 }
 
-void machine_hear_channels(struct machine *machine, uint32_t base, uint32_t channels)
+void machine_report_channels(struct machine *machine, uint32_t base, uint32_t channels)
 {
     struct ftm *ftm = (struct ftm *)device_of(machine, base);
     advance(machine, ftm);
-    ftm->heard = channels;
+    ftm->reported = channels;
     for (int32_t index = 0; index < CHANNELS; index++)
         ftm->channels[index].shown = channels >> index & 1 ? level_of(ftm, index) : NO_LEVEL;
     plan(machine, ftm);

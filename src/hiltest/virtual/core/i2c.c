@@ -5,7 +5,7 @@
 enum { A1, F, C1, S, D, REGISTERS = 16 };
 enum { C1_IICEN = 0x80, C1_IICIE = 0x40, C1_MST = 0x20, C1_TX = 0x10, C1_TXAK = 0x08, C1_RSTA = 0x04, C1_DMAEN = 0x01 };
 enum { S_TCF = 0x80, S_BUSY = 0x20, S_ARBL = 0x10, S_IICIF = 0x02, S_RXAK = 0x01 };
-enum { CLOCKS_A_BYTE = 9, START_CLOCKS = 1 }; /* START or repeated START, set-up and hold */
+enum { CLOCKS_A_BYTE = 9, START_CLOCKS = 1 }; /* START or repeated START, with set-up and hold times */
 enum { DIVIDERS = 64 };
 
 /* Divider by F.ICR, "I2C divider and hold values". */

@@ -34,8 +34,8 @@
     OP_##KIND##ADD16, OP_##KIND##ASX, OP_##KIND##SAX, OP_##KIND##SUB16, OP_##KIND##ADD8, OP_##KIND##SUB8,
 
 enum operation {
-    OP_UNDEFINED,      /* UDF and all bits that match no encoding: UsageFault, UNDEFINSTR */
-    OP_NO_COPROCESSOR, /* CDP, MCR, MRC, LDC, STC and the like: UsageFault, NOCP */
+    OP_UNDEFINED,      /* UDF, and bits that match no encoding: UsageFault, UNDEFINSTR */
+    OP_NO_COPROCESSOR, /* CDP, MCR, MRC, LDC, STC and similar: UsageFault, NOCP */
     DATA_OPERATIONS(DATA_FORMS)
     ACCESS_OPERATIONS(ACCESS_FORMS)
     PARALLEL_KINDS(PARALLEL_FORMS)
@@ -108,7 +108,7 @@ enum shift { SHIFT_LSL, SHIFT_LSR, SHIFT_ASR, SHIFT_ROR, SHIFT_RRX };
 /* Addressing with write-back. */
 enum mode {
     MODE_WRITES_BACK = 1,
-    MODE_POST = 2,   /* LDR, LDRD and the like: access r[n], then add; else add, then access */
+    MODE_POST = 2,   /* LDR, LDRD and similar: access r[n], then add; otherwise add, then access */
     MODE_BEFORE = 4, /* LDMDB, STMDB, VLDMDB, VSTMDB: downward from r[n] */
 };
 
@@ -147,7 +147,7 @@ struct instruction {
     bool conditional;   /* a transfer that may fall through: B with condition, CBZ, CBNZ, any transfer in an IT block */
     bool in_it_block;
     bool uses_fpu;
-    bool sets_stack;    /* the stack pointer becomes another value than itself plus or minus a number or a register */
+    bool sets_stack;    /* it sets the stack pointer other than by adding or subtracting a number or a register */
     uint16_t address_registers; /* sources of an access's address, without the PC */
     uint16_t loaded_registers;  /* destinations of a single load, without a base that is written back */
     uint16_t core_writes;       /* core registers written */
@@ -157,12 +157,12 @@ struct instruction {
 
 /* Decode the instruction that begins with `first`.
  *
- * address: its address, an even number. first, second: its halfwords; `second` is ignored if it has two bytes.
- * it_state: ITSTATE before it, 0 outside an IT block. In a block, 16-bit data processing does not set flags (DDI 0403E,
- * A7.3.2) and `condition` is the block's. baseline: only ARMv6-M's instructions are defined, all others are
- * OP_UNDEFINED.
- * Every field of *decoded is written. UNPREDICTABLE encodings are decoded as by Cortex-M4 silicon or, if that is
- * unknown, as by the decoder of QEMU and Unicorn; encodings that neither defines are OP_UNDEFINED.
+ * address: address of the instruction, an even number. first, second: its halfwords; `second` is ignored if the
+ * instruction has two bytes. it_state: ITSTATE before the instruction, 0 outside an IT block. In a block, 16-bit data
+ * processing does not set flags (DDI 0403E, A7.3.2), and `condition` is the block's. baseline: instructions that
+ * ARMv6-M does not have are OP_UNDEFINED. Every field of *decoded is written. UNPREDICTABLE encodings are decoded as by
+ * Cortex-M4 silicon or, if its behaviour is unknown, as by the decoder of QEMU and Unicorn; encodings that neither
+ * defines are OP_UNDEFINED.
  */
 void decode_instruction(
     uint32_t address, uint16_t first, uint16_t second, uint8_t it_state, bool baseline, struct instruction *decoded);

@@ -1,4 +1,4 @@
-/* Integer arithmetic of the core: pure functions of bit patterns (DDI 0403E, D6.5 and the instructions' pages). */
+/* Integer arithmetic of the core, as pure functions of bit patterns (DDI 0403E, D6.5, and the instructions' pages). */
 #ifndef HILTEST_INTEGER_H
 #define HILTEST_INTEGER_H
 
@@ -12,13 +12,13 @@ static inline uint32_t rotate_right(uint32_t value, uint32_t by)
 
 static inline int32_t as_signed(uint32_t value) { return (int32_t)value; }
 
-/* Arithmetic shift to the right by 0 to 31, which C11 leaves to the implementation. */
+/* Arithmetic shift to the right by 0 to 31, which is implementation-defined in C11. */
 static inline uint32_t shift_arithmetic(uint32_t value, uint32_t by)
 {
     return value >> 31 ? ~(~value >> by) : value >> by;
 }
 
-/* Shift by any number of bits from 0 to 255; *carry changes if the number is not 0 (Shift_C). */
+/* Shift by 0 to 255 bits; *carry changes unless the number of bits is 0 (Shift_C). */
 static inline uint32_t shift_value(uint32_t value, uint32_t shift, uint32_t by, uint32_t *carry)
 {
     if (shift == SHIFT_RRX) {
@@ -62,7 +62,7 @@ static inline int32_t signed_half(uint32_t value, uint32_t upper)
     return sign_extend(upper ? value >> 16 : value, 16);
 }
 
-/* Saturate to the signed range of some bits (1 to 32), or to the unsigned one (0 to 31); *saturated becomes 1 if the
+/* Saturate to a signed range of 1 to 32 bits, or to an unsigned range of 0 to 31 bits; *saturated becomes 1 if the
  * value changes (SignedSatQ, UnsignedSatQ). */
 static inline uint32_t saturate_signed(int64_t value, uint32_t bits, uint32_t *saturated)
 {

@@ -1,4 +1,4 @@
-/* Cached answers of devices: a register is read again only if it may have changed.
+/* Cache of devices' answers: a register is read again only if it may have changed.
  *
  * Waiting firmware reads the same register over and over, and a device in Python takes a hundred times longer than
  * the instruction. Devices declare the bytes that change only at events and stores. An answer from such bytes holds
@@ -61,10 +61,10 @@ bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uin
         cache->soonest = entry->until;
     if (++entry->reads == entry->patience) {
         cache->polled = entry;
-        machine->looks = true;
+        machine->must_check = true;
     }
     *value = entry->value;
-    if (entry->is_told) {
+    if (entry->reports_repeats) {
         entry->repeats++;
         entry->repeated_at = core->device_loads;
         cache->has_repeats = true;
@@ -85,7 +85,7 @@ static struct known_answer *oldest_repeated(struct known_answers *cache)
     return oldest;
 }
 
-void tell_repeats(struct machine *machine)
+void report_repeats(struct machine *machine)
 {
     struct known_answers *cache = &machine->answer_cache;
     while (cache->has_repeats) {
@@ -93,7 +93,7 @@ void tell_repeats(struct machine *machine)
         const int64_t repeats = entry ? entry->repeats : 0;
         if (entry) {
             entry->repeats = 0;
-            cache->tell(cache->context, entry->address, entry->place, repeats);
+            cache->report(cache->context, entry->address, entry->place, repeats);
         }
         cache->has_repeats = entry;
     }
@@ -104,7 +104,7 @@ void forget_answers(struct machine *machine)
     struct known_answers *cache = &machine->answer_cache;
     cache->era++;
     cache->polled = NULL;
-    tell_repeats(machine);
+    report_repeats(machine);
 }
 
 void expect_answer(struct machine *machine, uint32_t address, uint32_t size)
@@ -128,12 +128,12 @@ void remember_answer(struct machine *machine, uint32_t address, uint32_t size, u
     *entry = (struct known_answer){
         .era = cache->era, .address = address, .place = core->r[15], .size = size, .value = value,
         .until = cache->until, .patience = is_another ? FIRST_PATIENCE : entry->patience,
-        .is_told = cache->tell && cache->declared & DEVICE_TELLS};
+        .reports_repeats = cache->report && cache->declared & DEVICE_REPORTS};
 }
 
-void machine_tell_repeated(struct machine *machine, machine_repeated tell, void *context)
+void machine_report_repeated(struct machine *machine, machine_repeated report, void *context)
 {
-    machine->answer_cache.tell = tell;
+    machine->answer_cache.report = report;
     machine->answer_cache.context = context;
 }
 

@@ -1,7 +1,7 @@
 """The core's library and its binding.
 
 `ffi` has the types of machine.h, `lib` its functions. cffi generates the module `_machine` at build time, so that
-nothing has to be parsed at import.
+machine.h need not be parsed at import.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ ffi, lib = _load()
 def guarded_callback(
     declaration: str, action: Callable[..., int | None], abort: Callable[[BaseException], None]
 ) -> Any:
-    """Return an action as a callback of the library, to which the caller must keep a reference.
+    """Return an action as a callback of the library; the caller must keep a reference to it.
 
     Parameters
     ----------
     declaration : str
-        C type of the callback; its first parameter is a context, which the action does not receive.
+        C type of the callback, whose first parameter is a context that the action does not receive.
     action : callable
         Returns an integer, or None if the type is void.
     abort : callable

@@ -1,4 +1,4 @@
-/* Counting of turns of a waiting loop without executing each.
+/* Counting of the turns of waiting loops without executing each turn.
  *
  * An instruction has read a device over and over with a cached answer; or the core has been for a while in a short
  * loop that stores nothing, as if it waited for an interrupt that changes a variable. Then one turn is executed
@@ -130,7 +130,7 @@ static int32_t take_step(struct machine *machine, struct turn *turn, bool *stops
     const int32_t reason = execute_from(machine, node, INT64_MIN);
     turn->steps[turn->step_count++] = (struct step){
         node, node->runs != runs ? &node->runs : node->jumps != jumps ? &node->jumps : &node->skips};
-    *stops = machine->looks || machine->core.sleeping || cache->era != turn->era || cache->asked != turn->asked;
+    *stops = machine->must_check || machine->core.sleeping || cache->era != turn->era || cache->asked != turn->asked;
     return reason;
 }
 
@@ -226,12 +226,12 @@ int32_t pass_turns(struct machine *machine, int64_t until, int32_t *patience, in
     const int32_t reason = execute_turn(machine, turn, until);
     const bool is_wait = turn->is_over && has_same_state(machine, turn);
     const int64_t turns = is_wait ? turns_until(machine, turn, until) : 0;
-    const bool is_cut_short = machine->looks || machine->core.cycles >= until;
+    const bool is_cut_short = machine->must_check || machine->core.cycles >= until;
     if (turns) {
         count_turns(machine, turn, turns);
         *patience = least;
     } else if (!is_cut_short && *patience < MOST_PATIENCE && (!is_wait || machine->answer_cache.soonest < until)) {
-        *patience *= 2; /* the cost exceeds the gain: try again later */
+        *patience *= 2; /* the attempt cost more than it saved */
     }
     return reason;
 }
@@ -247,7 +247,8 @@ static bool may_wait(const struct instruction *instruction)
     return !jumps_far && !stores;
 }
 
-/* Return the branch that leads back to before a node, after at most so many instructions; NULL without one. */
+/* Return the branch that leads back to before a node, within a limited number of instructions; NULL if there is
+ * none. */
 static const struct node *closing_branch(const struct node *node)
 {
     const uint32_t first = node->address;
@@ -273,9 +274,9 @@ int32_t *patience_in_loop(struct machine *machine)
         return NULL;
     struct short_loop *loop = &machine->short_loops[end->address / 2 % SHORT_LOOPS];
     if (loop->end != end->address)
-        *loop = (struct short_loop){.end = end->address, .patience = LEAST_LOOKS};
-    if (++loop->looks < loop->patience)
+        *loop = (struct short_loop){.end = end->address, .patience = LEAST_SAMPLES};
+    if (++loop->samples < loop->patience)
         return NULL;
-    loop->looks = 0;
+    loop->samples = 0;
     return &loop->patience;
 }

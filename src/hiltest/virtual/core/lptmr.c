@@ -21,7 +21,7 @@ struct lptmr {
     bool flag;
 };
 
-/* Return the clock that it counts; NO_CLOCK for the output of a comparator, which is not modelled. */
+/* Return the clock that the timer counts; NO_CLOCK for the output of a comparator, which is not modelled. */
 static int32_t source_of(const struct lptmr *lptmr)
 {
     uint32_t pin = lptmr->control >> 4 & 3;

@@ -1,4 +1,4 @@
-/* A machine as a whole: creation, reset, and running from one stop to the next. */
+/* Creation, reset and execution of a machine. */
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
@@ -61,7 +61,7 @@ bool machine_set_price(struct machine *machine, int32_t table, const char *row, 
 {
     if (table && (table < 0 || table >= machine->table_count))
         return false;
-    machine->code_changed = machine->looks = true;
+    machine->code_changed = machine->must_check = true;
     return set_price(table ? &machine->tables[table - 1] : &machine->prices, row, value);
 }
 
@@ -107,7 +107,7 @@ void machine_set_fpu(struct machine *machine, bool enabled)
 {
     if (machine->core.fpu_enabled != enabled) {
         machine->core.fpu_enabled = enabled;
-        machine->code_changed = machine->looks = true;
+        machine->code_changed = machine->must_check = true;
     }
 }
 
@@ -133,7 +133,7 @@ void machine_reset(struct machine *machine)
     calls_reset(machine);
     if (machine->waits)
         waits_reset(machine->waits);
-    machine->code_changed = machine->looks = true;
+    machine->code_changed = machine->must_check = true;
     machine_flush_pipeline(machine);
 }
 
@@ -180,7 +180,7 @@ bool machine_wakes(struct machine *machine)
 static bool attend(struct machine *machine)
 {
     struct core *core = &machine->core;
-    machine->looks = machine->code_changed;
+    machine->must_check = machine->code_changed;
     if (core->gated)
         return !core->sleeping;
     if (core->sleeping && is_woken(machine, core->waits_for_event))
@@ -190,7 +190,7 @@ static bool attend(struct machine *machine)
     return !core->sleeping;
 }
 
-/* Execute until a check is needed. Returns a reason to stop, or -1. */
+/* Execute until a check is needed. Returns an enum stop_reason, or -1 to continue. */
 static int32_t go_on(struct machine *machine, int64_t slice_end)
 {
     struct core *core = &machine->core;
@@ -205,7 +205,7 @@ static int32_t go_on(struct machine *machine, int64_t slice_end)
 int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon)
 {
     struct core *core = &machine->core;
-    machine->looks = false;
+    machine->must_check = false;
     switch (machine->waits ? execute_with_waits(machine, node, horizon) : execute(machine, node, horizon)) {
     case FAULTED:
         counts_fault(machine, core->r[15]);
@@ -220,13 +220,13 @@ int32_t execute_from(struct machine *machine, struct node *node, int64_t horizon
             return STOP_FAULT;
         if (core->fault.kind)
             return STOP_FAULT;
-        return core->tells_returns ? STOP_UNSTACKED : -1;
+        return core->reports_returns ? STOP_UNSTACKED : -1;
     default:
         return -1;
     }
 }
 
-/* Let time pass in sleep up to the next event. False if the caller of machine_run has to decide. */
+/* Advance time in sleep to the next event. False if the caller of machine_run has to handle the sleep. */
 static bool sleep_on(struct machine *machine)
 {
     struct core *core = &machine->core;
@@ -245,7 +245,7 @@ static bool sleep_on(struct machine *machine)
 static bool concerns_host(const struct machine *machine)
 {
     int32_t stops_at = machine->core.stops_at;
-    return (stops_at == HOST_ANY && machine->has_fired) || (stops_at == HOST_BYTES && machine->told_host);
+    return (stops_at == HOST_ANY && machine->has_fired) || (stops_at == HOST_BYTES && machine->host_notified);
 }
 
 static int32_t run(struct machine *machine)
@@ -253,8 +253,8 @@ static int32_t run(struct machine *machine)
     struct core *core = &machine->core;
     int64_t slice_end = core->cycles + SLICE_CYCLES, pace = FIRST_LOOK_CYCLES, look_at = core->cycles + pace;
     core->fault.kind = FAULT_NONE;
-    look_at_stack(machine, true, core->r[15]); /* the host may have set the stack pointer */
-    machine->has_fired = machine->told_host = false;
+    check_stack(machine, true, core->r[15]); /* the host may have set the stack pointer */
+    machine->has_fired = machine->host_notified = false;
     for (;;) {
         if (machine_next_event(machine) <= core->cycles)
             look_at = core->cycles + (pace = FIRST_LOOK_CYCLES);
@@ -281,7 +281,7 @@ static int32_t run(struct machine *machine)
             return STOP_STEP;
         int32_t reason;
         int32_t *patience = machine->answer_cache.polled ? &machine->answer_cache.polled->patience : NULL;
-        const int32_t least = patience ? FIRST_PATIENCE : LEAST_LOOKS;
+        const int32_t least = patience ? FIRST_PATIENCE : LEAST_SAMPLES;
         if (!patience && core->cycles >= look_at) {
             patience = patience_in_loop(machine);
             pace = patience ? FIRST_LOOK_CYCLES : earlier(2 * pace, MOST_LOOK_CYCLES);

@@ -12,7 +12,7 @@ from hiltest.virtual.model.timing import TimingProfile
 #: Later than any cycle: `core.deadline` without a due event.
 NEVER = 2**63 - 1
 
-#: Returns the value of a load from an address and a size in bytes; raises `RefusedAccess` for a bus error.
+#: Returns the value of a load, from its address and its size in bytes; raises `RefusedAccess` for a bus error.
 ReadRegister = Callable[[int, int], int]
 WriteRegister = Callable[[int, int, int], None]
 
@@ -25,9 +25,9 @@ class BankSwitches(NamedTuple):
     keeps_line : bool
         True if the last line read is kept.
     reads_ahead_code, reads_ahead_data : bool
-        True if a fetch, or an access to data, also reads the next line.
+        True if a fetch, or an access to data, prefetches the next line.
     caches_code, caches_data : bool
-        True if fetched words, or accessed data, enter the cache. Words in the cache are used all the same.
+        True if fetched words, or accessed data, enter the cache. Words in the cache are used in any case.
     """
 
     keeps_line: bool = True
@@ -43,9 +43,9 @@ class Snapshot:
     Parameters
     ----------
     handle : struct snapshot
-        Freed with this object.
+        Snapshot of the library, which is freed with this object.
     machine : Machine, optional
-        Machine whose peripherals the snapshot has, which must live as long as their states.
+        Machine of the peripherals in the snapshot, which must outlive the snapshot.
     """
 
     __slots__ = ("_machine", "handle")
@@ -67,7 +67,7 @@ class Snapshot:
         Raises
         ------
         ValueError
-            If the range is not one memory.
+            If no memory contains the range.
         """
         data = ffi.new("uint8_t[]", size)
         if not lib.machine_read_snapshot(self.handle, address, size, data):
@@ -76,7 +76,7 @@ class Snapshot:
 
 
 class RefusedAccess(Exception):
-    """An access that is a bus error on the part; the text says where and why."""
+    """Error for an access that is a bus error on the part; the text has place and reason."""
 
 
 class Machine:
@@ -102,7 +102,7 @@ class Machine:
         self.refusal = ""
         self._bus: list[Any] = []
         for name, row in profile.rows.items():
-            # Rows that price no instruction, such as the doubt about all of them, are not passed to the core.
+            # The core ignores rows that price no instruction, such as the uncertainty of all counts.
             lib.machine_set_price(self.handle, 0, name.encode(), row.value)
         for name, row in profile.memory.items():
             if not lib.machine_set_memory_row(self.handle, name.encode(), row.value):
@@ -154,7 +154,7 @@ class Machine:
         lib.machine_set_request(self.handle, source, level)
 
     def snapshot(self, *, with_devices: bool = False) -> Snapshot:
-        """Return a snapshot; inside a device's access, one of the state before the current instruction.
+        """Return a snapshot; during an access to a device, of the state before the current instruction.
 
         Parameters
         ----------
@@ -172,15 +172,17 @@ class Machine:
             If the memories differ, the peripherals are another machine's, or an instruction is being executed.
         """
         if not lib.machine_restore(self.handle, snapshot.handle):
-            raise ConfigError("a snapshot of other memories or peripherals, or an instruction is under way")
+            raise ConfigError(
+                "the snapshot has other memories or peripherals, or the machine is executing an instruction"
+            )
 
-    def tell_repeated(self, tell: Callable[[int, int, int], None], abort: Callable[[BaseException], None]) -> None:
-        """Report addresses that an instruction has read again, and how often; `abort` is called with exceptions."""
-        self._repeated = guarded_callback("void(void *, uint32_t, uint32_t, int64_t)", tell, abort)
-        lib.machine_tell_repeated(self.handle, self._repeated, ffi.NULL)
+    def report_repeated(self, report: Callable[[int, int, int], None], abort: Callable[[BaseException], None]) -> None:
+        """Report repeated reads of an address by an instruction and their number; `abort` is called with exceptions."""
+        self._repeated = guarded_callback("void(void *, uint32_t, uint32_t, int64_t)", report, abort)
+        lib.machine_report_repeated(self.handle, self._repeated, ffi.NULL)
 
     def answers(self, first: int) -> Any:
-        """Return the answers of devices to loads from a number on; None if they are no longer stored.
+        """Return the answers of devices to all loads since a load; None if they are no longer stored.
 
         Parameters
         ----------
@@ -192,7 +194,7 @@ class Machine:
         return answers if answers and lib.machine_answers(self.handle, first, count, answers) else None
 
     def connect(self, read: ReadRegister, write: WriteRegister, abort: Callable[[BaseException], None]) -> None:
-        """Answer accesses outside memories; `abort` is called with any exception but `RefusedAccess`."""
+        """Set the handlers of accesses to devices; `abort` is called with any exception except `RefusedAccess`."""
 
         @ffi.callback("uint32_t(void *, uint32_t, uint32_t, bool *)")  # type: ignore[untyped-decorator]
         def read_register(_context: Any, address: int, size: int, refused: Any) -> int:
@@ -200,7 +202,7 @@ class Machine:
                 return read(address, size) & (1 << 8 * size) - 1
             except RefusedAccess as error:
                 self.refusal, refused[0] = str(error), True
-            except BaseException as error:  # the library cannot pass it on, but `abort` has it raised again
+            except BaseException as error:  # the library cannot pass it on; `abort` raises it later
                 abort(error)
             return 0
 

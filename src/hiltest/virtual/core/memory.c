@@ -43,7 +43,7 @@ static void look_at_access(struct machine *machine, uint32_t address, uint32_t s
         return;
     machine->core.watch_kinds = watchpoint->kinds;
     machine->core.watch_address = address < watchpoint->address ? watchpoint->address : address;
-    machine->looks = true;
+    machine->must_check = true;
 }
 
 /* -- memories -------------------------------------------------------------------------------------------------- */
@@ -53,7 +53,7 @@ static bool overlaps(const struct memory *memory, uint32_t base, uint32_t size)
     return (uint64_t)base < (uint64_t)memory->base + memory->size && (uint64_t)memory->base < (uint64_t)base + size;
 }
 
-/* Accesses must be checked at watchpoints, code, and pages that a copy still equals. */
+/* Accesses must be checked at watchpoints, in code, and in pages that have a copy. */
 void open_page(struct machine *machine, const struct memory *memory, uint32_t offset)
 {
     uint32_t address = memory->base + offset;
@@ -116,7 +116,7 @@ static void forget_changed_code(struct machine *machine, struct memory *memory, 
 {
     for (uint32_t halfword = offset / 2; halfword <= (offset + size - 1) / 2; halfword++)
         if (memory->has_code[halfword]) {
-            machine->code_changed = machine->looks = true;
+            machine->code_changed = machine->must_check = true;
             return;
         }
 }
@@ -162,7 +162,7 @@ void unmark_code(struct machine *machine)
 
 static bool is_within(uint32_t address, uint32_t base, uint32_t size) { return address - base < size; }
 
-/* Return whether the bus answers for an address; a machine without a bus has only memories. */
+/* Return whether accesses to an address go to the bus; a machine without a bus has only memories. */
 static bool is_device(const struct machine *machine, uint32_t address)
 {
     if (!machine->bus.read)
@@ -202,7 +202,7 @@ static bool read_device(struct machine *machine, uint32_t address, uint32_t size
     struct device *device = device_at(machine, address, size);
     expect_answer(machine, address, size);
     if (!device)
-        tell_repeats(machine);
+        report_repeats(machine);
     *value = read_bus(machine, device, address, size, &refused);
     if (refused)
         return refuse(machine, CAUSE_READ_REFUSED, address, size);

@@ -54,7 +54,7 @@ void machine_pend(struct machine *machine, int32_t exception)
         core->newly_pending = true;
     include(core->pending, exception);
     forget_answers(machine); /* registers of the NVIC have changed */
-    machine->looks = true;
+    machine->must_check = true;
 }
 
 /* An interrupt whose line is high stays pending, unless its handler runs: then it becomes pending at the return. */
@@ -93,7 +93,7 @@ void machine_set_enabled(struct machine *machine, int32_t interrupt, bool enable
         include(core->enabled, exception);
     else
         exclude(core->enabled, exception);
-    machine->looks = true;
+    machine->must_check = true;
 }
 
 void machine_set_priority(struct machine *machine, int32_t exception, uint32_t value)
@@ -102,7 +102,7 @@ void machine_set_priority(struct machine *machine, int32_t exception, uint32_t v
     if (!exists(core, exception) || exception < EXCEPTION_MEM_MANAGE)
         return;
     core->priority[exception] = (uint8_t)(value & core->priority_mask & 0xFF);
-    machine->looks = true;
+    machine->must_check = true;
 }
 
 /* -- priorities --------------------------------------------------------------------------------------------------- */

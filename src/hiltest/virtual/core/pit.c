@@ -1,6 +1,6 @@
 /* PIT of Kinetis parts: four periodic timers on the bus clock, which can be chained.
  *
- * Unobserved expiries cause no events: they are counted when a register is read, and the next one
+ * Expiries that nobody observes cause no events: they are counted when a register is read, and the next one
  * is planned only if it interrupts or passes a DMA request.
  */
 #include "devices.h"
@@ -25,7 +25,7 @@ struct pit {
     struct machine_pit connections;
     struct event expiry; /* next observed expiry */
     uint32_t control;    /* MCR */
-    uint32_t heard;      /* channels whose expiries pass DMA requests, a bit each */
+    uint32_t triggering; /* set of channels whose expiries trigger DMA channels */
     int64_t held;        /* ticks that have reached the timers, while the module is disabled */
     int64_t lost;        /* ticks of the bus clock that have not reached them */
     struct channel channels[CHANNELS];
@@ -77,8 +77,8 @@ static void advance(struct machine *machine, struct pit *pit, int32_t last)
     for (int32_t index = 0; index <= last; index++) {
         struct channel *channel = &pit->channels[index];
         bool has_expired = count_expiries(channel, counted(pit, index, ticks) - channel->began);
-        if (has_expired && pit->heard >> index & 1)
-            let_request_through(machine, index);
+        if (has_expired && pit->triggering >> index & 1)
+            trigger_request(machine, index);
     }
 }
 
@@ -112,7 +112,7 @@ static int64_t until_expiry(const struct machine *machine, const struct pit *pit
     return sum(clocks, (int64_t)value_of(machine, pit, index) + 1);
 }
 
-/* Return the tick of the bus clock so many from now; NEVER if it is too large. */
+/* Return the tick of the bus clock after a number of clocks from now; NEVER if it is too large. */
 static int64_t tick_after(const struct machine *machine, const struct pit *pit, int64_t clocks)
 {
     return sum(clocks, ticks_now(machine, pit->connections.clock));
@@ -125,12 +125,12 @@ static int64_t expiry_cycle(const struct machine *machine, const struct pit *pit
     return tick < NEVER ? clock_cycle(&machine->calendar.clocks[pit->connections.clock], tick) : NEVER;
 }
 
-/* Plan the next expiry of a channel that interrupts or is listened to. */
+/* Plan the next expiry of a channel that interrupts or triggers. */
 static void plan(struct machine *machine, struct pit *pit)
 {
     int64_t clocks = NEVER;
     for (int32_t index = 0; index < CHANNELS; index++) {
-        bool is_seen = pit->channels[index].control & TCTRL_TIE || pit->heard >> index & 1;
+        bool is_seen = pit->channels[index].control & TCTRL_TIE || pit->triggering >> index & 1;
         clocks = is_seen ? earlier(clocks, until_expiry(machine, pit, index)) : clocks;
     }
     cancel_event(machine, &pit->expiry);
@@ -252,13 +252,13 @@ bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit 
     return add_device(machine, &pit.device, sizeof pit);
 }
 
-void hear_timers(struct machine *machine, uint32_t base, uint32_t channels)
+void select_triggers(struct machine *machine, uint32_t base, uint32_t channels)
 {
     struct pit *pit = (struct pit *)device_of(machine, base);
-    if (!pit || channels == pit->heard)
+    if (!pit || channels == pit->triggering)
         return;
     advance(machine, pit, CHANNELS - 1);
-    pit->heard = channels;
+    pit->triggering = channels;
     plan(machine, pit);
     drive(machine, pit);
 }

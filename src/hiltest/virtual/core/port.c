@@ -77,7 +77,7 @@ static void configure(struct machine *machine, struct port *port)
     }
     port->pins.interrupting = port->on_rise | port->on_fall | port->at_low | port->at_high;
     if (has_another_function || port->pins.interrupting != interrupting_before)
-        port->connections.connected(port->connections.context);
+        port->connections.selected(port->connections.context);
     settle(machine, port);
 }
 
@@ -125,7 +125,7 @@ static void write_port(struct machine *machine, struct device *device, uint32_t 
     configure(machine, port);
 }
 
-/* The world outside the chip does not change. */
+/* Levels outside of the chip do not change. */
 static void reset_port(struct machine *machine, struct device *device)
 {
     struct port *port = (struct port *)device;
@@ -152,8 +152,8 @@ static uint32_t read_gpio(struct machine *machine, struct device *device, uint32
     switch (offset % GPIO_BYTES & ~3u) {
     case PDOR: return part_of_word(port->output, offset, size);
     case PDIR:
-        if (port->pins.carrying) {
-            port->connections.ask(port->connections.context);
+        if (port->pins.with_signals) {
+            port->connections.declare(port->connections.context);
             settle(machine, port);
         }
         return part_of_word(port->pins.levels, offset, size);

@@ -138,7 +138,7 @@ static void pass_fpu(const struct pipeline *state, int32_t cycles, struct pipeli
     }
 }
 
-/* Price an instruction by the rows that every profile has. `after` is another object than `state`. */
+/* Price an instruction by the rows that every profile has. `after` and `state` must be different objects. */
 static int32_t price_by_every_profile(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state,
     struct pipeline *after)
@@ -177,7 +177,7 @@ static int32_t late_fetch(const struct prices *prices, uint8_t late)
     return late == LATE_NOTHING ? 0 : prices->value[LATE_ROWS[late]];
 }
 
-/* Return the number of the late one among successive misplaced instructions. */
+/* Return which of successive misaligned instructions is late: every second or every third. */
 static int32_t misplaced_on_end(const struct prices *prices)
 {
     return prices->has[ROW_misplaced_on_end] ? prices->value[ROW_misplaced_on_end] : MISPLACED_ON_END;

@@ -1,14 +1,14 @@
 /* The cycle model: the cost of an instruction after the instructions before it.
  *
- * A timing profile (profiles/ *.toml) has the numbers; tests/virtual/price_model.py has the same rules in Python.
+ * The numbers are those of a timing profile (profiles/ *.toml); tests/virtual/price_model.py has the same rules.
  */
 #ifndef HILTEST_PRICES_H
 #define HILTEST_PRICES_H
 
 #include "instruction.h"
 
-/* Rows of a timing profile beside those of the instructions (enum cost_row), in the order of `RULE_ROWS`. The last two
- * are candidates of hiltest.virtual.silicon.rule_candidates, which no profile file may have. */
+/* Rows of a timing profile in addition to those of the instructions (enum cost_row). The last two are candidates of
+ * hiltest.virtual.silicon.rule_candidates, which profile files cannot have. */
 #define RULE_ROWS(X) \
     X(load_behind_load) X(load_behind_store) X(store_behind_load) X(fp_use) X(fp_divide_use) X(fp_accumulate_hidden) \
     X(refill_direct) X(refill_indirect) X(refill_table) X(refill_load) X(exception_entry) X(exception_return) \
@@ -16,8 +16,8 @@
     X(fetch_late_fp) X(fetch_late_integer) X(misplaced_on_end) X(late_past_narrow)
 enum rule_row { FIRST_RULE_ROW = INSTRUCTION_ROWS - 1, RULE_ROWS(ROW_ENUMERATOR) PRICE_ROWS };
 
-/* Values of all rows [clock cycles]; `has` marks the rows of the profile, since a missing row differs from a row of
- * zero cycles. */
+/* Values of all rows [clock cycles]. `has` marks the rows of the profile, because the rule of a missing row does not
+ * apply. */
 struct prices {
     int32_t value[PRICE_ROWS];
     bool has[PRICE_ROWS];
@@ -27,25 +27,25 @@ struct prices {
  * structure has no rows. */
 bool set_price(struct prices *prices, const char *row, int32_t value);
 
-/* How execution reached an instruction, if earlier code does not imply it. */
+/* Transition by which execution reached an instruction, if it affects the price. */
 enum reached { REACHED_ANYHOW, REACHED_BY_BRANCH, REACHED_BY_REGISTER, REACHED_PAST_BRANCH };
 
 /* Pipeline state that an instruction leaves for the next one. A zeroed structure is the neutral state. */
 struct pipeline {
-    uint8_t before;    /* 0, or ROW_load or ROW_store: the single access right before */
-    uint8_t late;      /* possible cause of a late fetch: 0 none, 1 a slow, 2 an FPU, 3 an integer instruction */
-    uint8_t misplaced; /* instructions of four bytes after that, not at multiples of four */
+    uint8_t before;    /* ROW_load or ROW_store if the previous instruction is a single access, else 0 */
+    uint8_t late;      /* enum late: possible cause of a late fetch */
+    uint8_t misplaced; /* number of misaligned instructions of four bytes since then */
     uint8_t reached;   /* enum reached */
     bool narrow;       /* the previous instruction has two bytes */
-    uint8_t unused;    /* always 0: states are compared as bytes, so padding, which is undefined, is not allowed */
-    uint16_t loaded;   /* core registers that the load right before wrote */
-    uint16_t computed; /* core registers that the instruction right before computed */
+    uint8_t unused;    /* always 0: states are compared as bytes, and padding would be undefined */
+    uint16_t loaded;   /* core registers that the previous instruction loaded */
+    uint16_t computed; /* core registers that the previous instruction computed */
     uint16_t fpu_busy; /* cycles until the FPU is free */
     uint32_t fp_result;/* s registers just computed, or ready when the FPU is free */
     uint32_t divided;  /* s registers with a division's result, ready one cycle later */
 };
 
-/* Return the state after a branch, by the way that it was reached. */
+/* Return the state of an instruction that was reached by a branch. */
 struct pipeline pipeline_reached(enum reached reached);
 
 /* Price an instruction that executes and does not transfer control.
@@ -57,8 +57,8 @@ int32_t price_instruction(
     const struct prices *prices, const struct instruction *instruction, uint32_t address,
     const struct pipeline *state, struct pipeline *after);
 
-/* The same for an instruction that an IT block skips: by the row it_skipped if the profile has it, otherwise as
- * if it were executed. */
+/* The same for an instruction that an IT block skips. Its price is the row it_skipped if the profile has it, otherwise
+ * that of its execution. */
 int32_t price_skipped(
     const struct prices *prices, const struct instruction *instruction, uint32_t address,
     const struct pipeline *state, struct pipeline *after);

@@ -12,7 +12,7 @@
 
 enum {
     LINK_REGISTER = 14, STACK_POINTER = 13,
-    DEEPEST = 100,       /* from this depth on an indirectly recursive function returns to its own path */
+    DEEPEST = 100,       /* beyond this depth, an indirectly recursive function continues on its own earlier path */
     ROOT = 1,            /* the path of the called function; 0 is no path */
     MOST_FRAMES = 1 << 20, MOST_PATHS = 1 << 20, MOST_COSTS = 1 << 24,
     FIRST_ROOM = 1024,
@@ -200,7 +200,7 @@ static void settle_sleep(struct machine *machine)
     profile->idle_cycles = machine->core.idle_cycles;
 }
 
-bool profile_follows(struct machine *machine, const struct node *from, uint32_t target, bool jumps)
+bool profile_follow(struct machine *machine, const struct node *from, uint32_t target, bool jumps)
 {
     const struct instruction *instruction = &from->instruction;
     settle_sleep(machine);
@@ -219,7 +219,7 @@ bool profile_follows(struct machine *machine, const struct node *from, uint32_t 
 
 /* -- costs -------------------------------------------------------------------------------------------------------- */
 
-/* Return the sums of a node; NULL without room. */
+/* Return the sums of a node; NULL if out of memory. */
 static struct machine_cost *new_cost(struct profile *profile, uint32_t path, uint32_t address, int32_t row)
 {
     profile->costs = with_room(

@@ -1,4 +1,4 @@
-/* Bits of the special registers, and which stack pointer r13 is. References are to DDI 0403E. */
+/* Bits of the special registers, and the selection of the stack pointer in r13. References are to DDI 0403E. */
 #ifndef HILTEST_REGISTERS_H
 #define HILTEST_REGISTERS_H
 

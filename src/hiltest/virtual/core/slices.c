@@ -73,7 +73,7 @@ static void set_return_address(struct machine *machine, uint32_t address)
     machine->core.return_address = address;
 }
 
-/* Run to a stop other than for the wall time. */
+/* Run until a stop for another reason than STOP_TURNS. */
 static int32_t run_on(struct machine *machine, struct machine_bus bus)
 {
     int32_t reason;

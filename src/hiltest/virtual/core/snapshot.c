@@ -64,7 +64,7 @@ void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset
     }
 }
 
-/* Return the copy of a page, and make it if necessary. NULL without room. */
+/* Return the copy of a page, which is made if necessary. NULL if out of memory. */
 static struct page *copy_of(struct machine *machine, struct memory *memory, uint32_t page)
 {
     if (memory->copies[page])
@@ -224,7 +224,7 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
     machine->oldest_answer = snapshot->core.device_loads;
     if (snapshot->devices)
         restore_devices(machine, snapshot->devices);
-    machine->looks = true;
+    machine->must_check = true;
     calls_reset(machine);
     return true;
 }

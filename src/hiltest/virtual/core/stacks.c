@@ -74,7 +74,7 @@ void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
     struct stacks *stacks = &machine->history.stacks;
     const uint32_t pointer = machine->core.r[13];
     if (stacks->count == 0 || !holds(&stacks->entries[stacks->current], pointer)) {
-        /* The start of a descent without a jump. */
+        /* A descent that began without a jump. */
         bool descends = !jumps && stacks->count && pointer < stacks->entries[stacks->current].lowest;
         int32_t number = descends ? stacks->current : stack_with(stacks, pointer);
         if (number < 0)
@@ -87,7 +87,7 @@ void stack_moves(struct machine *machine, bool jumps, uint32_t pc)
     set_range(machine);
 }
 
-void stacks_seek_lowest(struct machine *machine, bool seeks)
+void stacks_record_lowest(struct machine *machine, bool seeks)
 {
     if (seeks) {
         machine->history.stacks.lowest = machine->core.r[13];

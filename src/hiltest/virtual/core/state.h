@@ -1,4 +1,4 @@
-/* The machine's structure, and functions that files of the core share. */
+/* The structure of the machine, and functions that files of the core share. */
 #ifndef HILTEST_STATE_H
 #define HILTEST_STATE_H
 
@@ -17,7 +17,7 @@ enum {
     ANSWERS = 1024,
 };
 
-/* The bytes of a page of memory at some moment, which snapshots share. */
+/* Content of a page of memory, which snapshots share. */
 struct page {
     int64_t holders;
     uint8_t bytes[PAGE_BYTES];
@@ -27,9 +27,9 @@ struct memory {
     uint32_t base, size;
     bool writable;
     uint8_t *bytes;
-    uint8_t *has_code; /* for each halfword: it was decoded as part of an instruction */
+    uint8_t *has_code; /* for each halfword: true if it was decoded as part of an instruction */
     struct machine_executions *executions; /* for each halfword, see counts.c, or NULL */
-    struct page **copies; /* for each page: a copy with equal bytes, or NULL, see snapshot.c */
+    struct page **copies; /* for each page: a copy with the same content, or NULL, see snapshot.c */
 };
 
 struct watchpoint {
@@ -41,14 +41,14 @@ enum { KNOWN_ANSWERS = 32, FIRST_PATIENCE = 8, DEVICE_BYTES = 0x100000, DEVICE_P
 #define DEVICE_BASE 0x40000000u
 #define PRIVATE_BASE 0xE0000000u
 
-/* Answer of a device to a load by the instruction at `place`. */
+/* Value that a device has returned to a load by the instruction at `place`. */
 struct known_answer {
-    int64_t era;         /* outdated if it differs from the present era */
+    int64_t era;         /* the answer is outdated if this differs from the current era */
     uint32_t address, size, place, value;
     int64_t until;       /* cycle at which the answer may change */
     int32_t reads;       /* loads that it has answered */
     int32_t patience;    /* number of reads after which to check for a waiting loop */
-    bool is_told;        /* the device must be informed of repetitions */
+    bool reports_repeats;/* the device must be informed of repetitions */
     int64_t repeats;     /* repetitions that were not reported yet */
     int64_t repeated_at; /* number of the last repeated load */
 };
@@ -56,15 +56,15 @@ struct known_answer {
 struct known_answers {
     struct known_answer entries[KNOWN_ANSWERS];
     int64_t era;
-    const uint8_t *devices[DEVICE_PAGES], *private_devices[DEVICE_PAGES]; /* see machine_declare_page; NULL: nothing */
-    machine_repeated tell;
+    const uint8_t *devices[DEVICE_PAGES], *private_devices[DEVICE_PAGES]; /* see machine_declare_page, or NULL */
+    machine_repeated report;
     void *context;
     bool has_repeats;
     struct known_answer *polled; /* an answer with exhausted patience, or NULL */
     int64_t asked;       /* number of loads that devices have answered */
-    int64_t soonest;     /* earliest `until` of the recalled answers, see loops.c */
+    int64_t soonest;     /* earliest `until` of the cached answers that were used, see loops.c */
     uint8_t declared;    /* declaration of the bytes of the current load */
-    int64_t until;       /* cycle at which its answer may change, according to the device */
+    int64_t until;       /* cycle at which the answer to the current load may change, according to the device */
 };
 
 struct code; /* decoded instructions, see code.h */
@@ -74,32 +74,32 @@ enum { MOST_STACKS = 64, CONTEXT_BYTES = 104 }; /* a task's r4 to r11, EXC_RETUR
 struct stacks {
     struct machine_stack entries[MOST_STACKS];
     int32_t count;
-    int32_t current;   /* index of the stack that r13 is on */
-    uint32_t lowest;   /* lowest value of r13 since the last check of calls; 0 if not recorded */
+    int32_t current;   /* index of the stack in use */
+    uint32_t lowest;   /* lowest value of r13 since the last check of calls; 0 if it is not recorded */
     bool has_context;
-    uint32_t below;    /* address below an exception's frame on the process stack, and the word there */
-    uint8_t context[CONTEXT_BYTES];
+    uint32_t below;    /* address below an exception's frame on the process stack */
+    uint8_t context[CONTEXT_BYTES]; /* bytes there at the exception's entry */
 };
 
-/* State that earlier instructions leave for the next one, beside the core's registers. */
+/* State that earlier instructions leave for the next one, in addition to the core's registers. */
 struct history {
     struct pipeline pipeline;
     int64_t jumped_at;   /* core.instructions after the last taken jump */
-    uint32_t jumped_from;/* its address */
-    uint32_t previous;   /* address of the instruction that led to an address without code */
-    uint32_t exc_return; /* target of the branch */
+    uint32_t jumped_from;/* address of that jump */
+    uint32_t previous;   /* address of the instruction whose successor has no code */
+    uint32_t exc_return; /* target of a branch to EXC_RETURN */
     uint32_t exclusive_address;
     bool exclusive;      /* the local monitor: an LDREX has been executed */
     uint32_t stack_lowest, stack_used; /* range in which the stack pointer moves without a check, see stacks.c */
     struct stacks stacks;
 };
 
-/* loops.c: a loop in which the core has been observed. */
-enum { SHORT_LOOPS = 16, LEAST_LOOKS = 1 };
+/* loops.c: a short loop in which the core was when it was sampled. */
+enum { SHORT_LOOPS = 16, LEAST_SAMPLES = 1 };
 struct short_loop {
     uint32_t end;     /* address of the branch back, or 0 */
-    int32_t looks;    /* observations since turns were passed, or tried */
-    int32_t patience; /* number of observations after which to try passing turns */
+    int32_t samples;  /* number of samples since the last attempt to skip turns */
+    int32_t patience; /* number of samples after which to attempt it */
 };
 
 struct device;
@@ -111,21 +111,20 @@ struct machine {
     struct machine_bus bus;
     struct memory memories[MEMORIES];
     int memory_count;
-    /* Bytes of each page that loads may read and stores may write directly; NULL: call memory.c. */
+    /* Bytes of each page that loads may read and stores may write directly; NULL if memory.c must be called. */
     uint8_t **readable, **writable;
     struct prices prices;
     struct prices *tables;    /* further price tables, see machine_set_tables */
-    int32_t table_count;      /* with `prices`; 0 before the first request for tables */
+    int32_t table_count;      /* including `prices`; 0 before the first request for tables */
     struct memory_waits *waits; /* waits for memories; NULL if the profile has no memory rows */
     struct code *code;
     bool baseline;
-    bool looks;          /* check before the next instruction: an exception may have become deliverable, or code has
-                            changed */
-    bool code_changed;   /* decoded instructions are out of date */
+    bool must_check;     /* an exception may have become deliverable, or code has changed */
+    bool code_changed;   /* decoded instructions are outdated */
     bool watches_executions;
     bool profiles;       /* a profile is being made, on the path with this number */
     uint32_t path;
-    struct profile *profile; /* the latest, or NULL, see profile.c */
+    struct profile *profile; /* the latest profile, or NULL, see profile.c */
     struct watchpoint watchpoints[WATCHPOINTS];
     int watchpoint_count;
     struct calendar calendar;
@@ -134,9 +133,9 @@ struct machine {
     struct device *dma;  /* the device that receives DMA requests, or NULL */
     uint64_t requests;   /* levels of the request sources */
     bool has_fired;      /* an event has fired since the call of machine_run */
-    bool told_host;      /* an event has fired that the host may wait for */
+    bool host_notified;  /* an event has fired that the host may wait for */
     struct calls *calls; /* calls of watched functions; NULL without any, see calls.c */
-    uint16_t standing;           /* number of the pipeline states before the next instruction, if `pipeline` is one */
+    uint16_t standing;           /* number of the pipeline state before the next instruction, if it has a number */
     const struct node *running;  /* the current instruction, during callbacks of devices and of watched calls */
     struct known_answers answer_cache;
     struct turn *turn;   /* buffer for a turn of a loop, or NULL, see loops.c */
@@ -145,13 +144,14 @@ struct machine {
     int64_t oldest_answer;       /* number of the oldest stored answer */
 };
 
-/* Return the bytes of a range that loads may read, or stores may write, directly; NULL without any, or across pages. */
+/* Return the bytes of a range that loads may read directly; NULL if they must not, or if the range crosses pages. */
 static inline const uint8_t *plain_bytes(const struct machine *machine, uint32_t address, uint32_t size)
 {
     const uint8_t *page = machine->readable[address >> PAGE_BITS];
     return page && address % PAGE_BYTES <= PAGE_BYTES - size ? page + address % PAGE_BYTES : NULL;
 }
 
+/* The same for stores. */
 static inline uint8_t *writable_bytes(const struct machine *machine, uint32_t address, uint32_t size)
 {
     uint8_t *page = machine->writable[address >> PAGE_BITS];
@@ -164,44 +164,44 @@ bool store(struct machine *machine, uint32_t address, uint32_t size, uint32_t va
 struct memory *memory_at(struct machine *machine, uint32_t address, uint32_t size);
 /* Read a halfword of code; false without memory. */
 bool fetch(struct machine *machine, uint32_t address, uint16_t *halfword);
-/* Note that an instruction was decoded from some bytes, and that no bytes are decoded any more: a store to noted bytes
- * sets `code_changed`. */
+/* Mark bytes from which an instruction was decoded, or unmark all bytes. A store to marked bytes sets
+ * `code_changed`. */
 void mark_code(struct machine *machine, uint32_t address, uint32_t size);
 void unmark_code(struct machine *machine);
 /* Let loads and stores access the bytes of a page directly, unless they must be checked. */
 void open_page(struct machine *machine, const struct memory *memory, uint32_t offset);
 
-/* known.c: answer a load of a device without asking it; false if it has to be asked. */
+/* known.c: answer a load from a device by a cached value; false if the device has to be read. */
 bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
-/* Prepare for storing the answer of a device, before it is asked. */
+/* Prepare for caching the answer of a device, before the device is read. */
 void expect_answer(struct machine *machine, uint32_t address, uint32_t size);
 void remember_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
-/* For a device during a load: the answer holds up to a cycle. */
+/* For a device during a load: the answer is valid up to a cycle. */
 void hold_answer(struct machine *machine, int64_t until);
-/* Ask devices again, because they may have changed. */
+/* Drop the cached answers, because devices may have changed. */
 void forget_answers(struct machine *machine);
-/* Report repeated loads to devices, before any other access to them. */
-void tell_repeats(struct machine *machine);
+/* Report repeated loads to devices; must be called before any other access to them. */
+void report_repeats(struct machine *machine);
 
-/* loops.c: execute a turn of a loop that polls a device or memory, and count equal turns up to a cycle.
- * *patience, the delay of the next try, becomes `least` if that has saved time, and grows otherwise. Returns a reason
- * to stop, or -1. */
+/* loops.c: execute one turn of a loop that polls a device or memory, and count the equal turns up to a cycle without
+ * executing them. *patience, the delay of the next attempt, becomes `least` on success and grows otherwise. Returns an
+ * enum stop_reason, or -1. */
 int32_t pass_turns(struct machine *machine, int64_t until, int32_t *patience, int32_t least);
-/* Return the patience of a short loop that stores nothing and may wait for memory to change, if it is exhausted, else
- * NULL. */
+/* If the core is in a short loop that stores nothing and may wait for a change of memory, and the loop's patience is
+ * exhausted, return the patience; otherwise NULL. */
 int32_t *patience_in_loop(struct machine *machine);
 
-/* snapshot.c: prepare a new memory for snapshots; false without room. */
+/* snapshot.c: prepare a new memory for snapshots; false if out of memory. */
 bool begin_copies(struct memory *memory);
-/* Note that bytes of a memory are written. */
+/* Drop the copies of pages, because their bytes are written. */
 void drop_copies(struct machine *machine, struct memory *memory, uint32_t offset, uint32_t size);
 void destroy_copies(struct memory *memory);
 
 /* calls.c: called before the instruction at a watched address executes. */
 struct node;
 void calls_arrive(struct machine *machine, const struct node *node);
-/* Called when an exception is entered, or left by the instruction at `place`, before its cycles are counted. `frame` is
- * the address of the registers, with flags in its low bits, because it is a multiple of eight. */
+/* Called when an exception is entered, or left by the instruction at `place`, before the cycles of the entry or return
+ * are counted. `frame` is the address of the stacked registers, a multiple of eight, with flags in its low bits. */
 enum { FRAME_ON_PROCESS_STACK = 1, FRAME_OF_THREAD = 2 };
 void calls_entered(struct machine *machine, uint32_t frame);
 void calls_left(struct machine *machine, uint32_t frame, int32_t cycles, uint32_t place);
@@ -211,26 +211,26 @@ void calls_destroy(struct machine *machine);
 
 /* devices.c */
 void forget_devices(struct machine *machine);
-/* Copy all peripherals for restoring the same machine; NULL without room. The caller frees the copy. */
+/* Copy all peripherals, to restore them in the same machine; NULL if out of memory. The caller frees the copy. */
 struct device_states *copy_devices(const struct machine *machine);
 void restore_devices(struct machine *machine, const struct device_states *states);
 
 /* exceptions.c */
 enum { PRIORITY_IDLE = 256 };
-/* Record a fault of the instruction at `place`, unless one is recorded already. */
+/* Record a fault of the instruction at `place`, unless a fault is already recorded. */
 void note_fault(
     struct machine *machine, int32_t kind, int32_t cause, uint32_t place, uint32_t address, uint32_t value,
     uint32_t size);
-/* Enter the most urgent pending exception if it preempts the running code. False if none was entered; core.fault may
- * then be set by a fault of the entry. */
+/* Enter the most urgent pending exception if it preempts the running code. False if none was entered; if the entry
+ * faulted, core.fault is set. */
 bool take_exception(struct machine *machine);
-/* Return from the active exception by an EXC_RETURN; `place` is the branch. False: core.fault is set. */
+/* Return from the active exception by an EXC_RETURN; `place` is the branch. False if core.fault was set. */
 bool leave_exception(struct machine *machine, uint32_t exc_return, uint32_t place);
-/* Return whether an exception would wake the core from WFI (PRIMASK does not prevent it) or, for_event, from WFE. */
+/* Return whether an exception would wake the core from WFI, regardless of PRIMASK, or, for_event, from WFE. */
 bool is_woken(struct machine *machine, bool for_event);
 
 /* nvic.c: effects of entries and returns on the sets of exceptions. */
-/* Make an exception active, and no longer pending. */
+/* Make an exception active instead of pending. */
 void begin_exception(struct core *core, int32_t exception);
 /* End the exception that became active last. An interrupt whose line is still high becomes pending again. */
 void end_exception(struct core *core);

@@ -91,7 +91,7 @@ void write_special(struct machine *machine, uint32_t number, uint32_t mask, uint
     case SYS_CONTROL: machine_set_control(machine, value); break;
     default: return;
     }
-    machine->looks = true;
+    machine->must_check = true;
 }
 
 void change_masks(struct machine *machine, const struct instruction *instruction)
@@ -104,5 +104,5 @@ void change_masks(struct machine *machine, const struct instruction *instruction
         set_primask(core, value);
     if (instruction->amount & 1)
         set_fault_mask(machine, value);
-    machine->looks = true;
+    machine->must_check = true;
 }

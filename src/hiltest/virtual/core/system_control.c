@@ -139,7 +139,7 @@ static uint32_t read_word(struct machine *machine, struct device *device, uint32
 
 /* -- writes ------------------------------------------------------------------------------------------------------- */
 
-/* Ones change their interrupts, zeros do nothing. */
+/* Ones change their interrupts, and zeros have no effect. */
 static void write_interrupts(struct machine *machine, uint32_t offset, uint32_t value)
 {
     int32_t interrupt = (int32_t)(8 * (offset & GROUP_OFFSET));
@@ -189,7 +189,7 @@ static void write_reset_control(struct machine *machine, const struct system_con
     if (value >> 16 != AIRCR_KEY)
         return;
     machine->core.priority_grouping = value >> AIRCR_PRIGROUP_SHIFT & 7;
-    machine->looks = true;
+    machine->must_check = true;
     if (value & AIRCR_SYSRESETREQ)
         control->connections.request_reset(control->connections.context);
 }

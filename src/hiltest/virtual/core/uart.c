@@ -15,7 +15,7 @@ enum { CFIFO_TXFLUSH = 0x80, CFIFO_RXFLUSH = 0x40 };
 enum { SFIFO_TXEMPT = 0x80, SFIFO_RXEMPT = 0x40, SFIFO_RXOF = 0x04, SFIFO_TXOF = 0x02, SFIFO_RXUF = 0x01 };
 enum { SFIFO_FLAGS = SFIFO_RXOF | SFIFO_TXOF | SFIFO_RXUF };
 enum { BITS_A_BYTE = 10, DEPTH = 8 };
-static const double BAUD_TOLERANCE = 0.03; /* with a larger difference the last bits are sampled in their neighbours */
+static const double BAUD_TOLERANCE = 0.03; /* beyond this, the last bits are sampled during adjacent bits */
 static const double PICOSECONDS = 1e12;
 
 /* Bytes between the host and a UART: at most QUEUE_LIMIT of them. */
@@ -52,7 +52,7 @@ struct uart {
 
 /* -- bytes of the host -------------------------------------------------------------------------------------------- */
 
-/* Make room for so many more bytes at the end. False if they are too many, or without room. The memory is at least
+/* Make room for `count` more bytes at the end. False if they are too many, or if out of memory. The memory is at least
  * twice as large as needed, so that each byte is moved at most once on average. */
 static bool queue_reserve(struct queue *queue, int32_t count)
 {
@@ -75,7 +75,7 @@ static bool queue_reserve(struct queue *queue, int32_t count)
     return true;
 }
 
-/* Append a byte. False without reserved room. */
+/* Append a byte. False if no room was reserved. */
 static bool queue_put(struct queue *queue, uint8_t byte)
 {
     if (queue->begin + queue->count == queue->capacity)
@@ -84,7 +84,7 @@ static bool queue_put(struct queue *queue, uint8_t byte)
     return true;
 }
 
-/* Remove at most so many bytes from the beginning; return their number. */
+/* Remove at most `count` bytes from the beginning; return their number. */
 static int32_t queue_take(struct queue *queue, uint8_t *bytes, int32_t count)
 {
     const int32_t size = count < queue->count ? count : queue->count;
@@ -238,7 +238,7 @@ static void end_byte(struct machine *machine, struct event *event)
     if (!queue_put(&uart->sent, byte))
         uart->has_lost = true;
     if (uart->sent.count >= uart->expected_count || byte == uart->expected_byte)
-        tell_host(machine);
+        notify_host(machine);
     if (uart->transmit.count)
         shift(machine, uart, event->tick);
     drive(machine, uart);

@@ -5,7 +5,7 @@
 
 #define NOTHING UINT32_MAX
 
-/* Fetches are of words. */
+/* Fetches read words. */
 enum { WORD_BYTES = 4, WORD_BITS = 2 };
 enum { PARTS = 100 }; /* conflicts cost hundredths of a cycle per access: their mean, which was measured */
 
@@ -275,7 +275,7 @@ static int32_t conflict_parts(const struct memory_waits *waits, uint32_t code, u
     return waits->value[is_multiple ? MEMORY_upper_multiple : MEMORY_upper_single];
 }
 
-/* Wait for the whole cycles of what is owed. */
+/* Return the whole cycles of the owed parts. */
 static int32_t pay_parts(struct memory_waits *waits, int32_t parts)
 {
     if (parts == 0)

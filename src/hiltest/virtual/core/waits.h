@@ -1,9 +1,9 @@
-/* Waits of the K64F's memories, which add to an instruction's own cycles: flash behind its controller (FMC), conflicts
- * of code and data in one bank, and unaligned data.
+/* Waits of the K64F's memories, which add to an instruction's own cycles: for flash and its controller (FMC), for
+ * conflicts of code and data in one bank, and for unaligned data.
  *
- * A read of the flash array brings one line, and the next line is prefetched at once. A cache of smaller entries keeps
- * accessed words. The flash has a clock of its own, and a read begins at one of its edges: a miss costs one
- * flash clock, and up to nearly another one until the edge. The rows of a profile's table [memory] have the numbers.
+ * A read of the flash array returns one line, and the next line is then prefetched. A cache of smaller entries keeps
+ * accessed words. The flash has its own clock, and a read begins at an edge of that clock: a miss costs one flash
+ * clock, plus the time to the edge. The numbers are the rows of a profile's table [memory].
  */
 #ifndef HILTEST_WAITS_H
 #define HILTEST_WAITS_H
@@ -11,8 +11,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Rows of the table: name, least and largest value, power of two or not. Nothing waits by flash_uncertainty.
- * The profiles allow larger caches than these arrays hold; the K64F has 4 ways of 4 sets. */
+/* Rows of the table: name, smallest and largest value, and whether it is a power of two. flash_uncertainty causes no
+ * waits. The cache of the K64F has 4 ways of 4 sets. */
 enum { CACHE_WAYS = 16, CACHE_SETS = 64 };
 #define MEMORY_ROWS(X) \
     X(flash_clocks, 1, 1000, false) X(flash_line_bytes, 4, 512, true) X(flash_read_ahead, 0, 1, false) \
@@ -24,14 +24,14 @@ enum { CACHE_WAYS = 16, CACHE_SETS = 64 };
 #define MEMORY_ROW_ENUMERATOR(NAME, LEAST, LARGEST, IS_POWER) MEMORY_##NAME,
 enum memory_row { MEMORY_ROWS(MEMORY_ROW_ENUMERATOR) MEMORY_ROW_COUNT };
 
-/* Switches of the controller for one half of the flash. They do not affect hits in the cache. */
+/* Switches of the controller for one half of the flash, which do not affect hits in the cache. */
 struct bank_switches {
     bool keeps_line;                         /* the line that was read last */
     bool reads_ahead_code, reads_ahead_data; /* prefetch after a fetch, or after an access to data */
     bool caches_code, caches_data;           /* fetched words, or accessed data, enter the cache */
 };
 
-/* The most recently used entry comes first, the next one to be replaced last. */
+/* Entries in order of their last use, with the most recent one first; the last one is replaced next. */
 struct cache_set {
     uint32_t entries[CACHE_WAYS];
     uint8_t ways[CACHE_WAYS]; /* way of each entry */
@@ -41,46 +41,47 @@ struct memory_waits {
     uint32_t half_flash_bytes; /* flash begins at address 0 and has two halves */
     uint32_t ram_end;          /* no waits from this address on */
     int32_t value[MEMORY_ROW_COUNT];
-    uint32_t line_shift, entry_shift, set_mask; /* from the number of a word to that of its line, entry and set */
+    uint32_t line_shift, entry_shift, set_mask; /* convert the number of a word to those of its line, entry and set */
     struct bank_switches switches[2];
     int64_t free_at;   /* cycle at which the array can take the next read */
-    uint32_t line;     /* last line read; UINT32_MAX is none, here and below */
+    uint32_t line;     /* last line read; here and below UINT32_MAX means none */
     uint32_t ahead;    /* prefetched line */
     uint32_t word;     /* last word fetched: its second instruction needs no access */
-    int32_t parts_owed;/* hundredths of a cycle of conflicts in SRAM that were not added yet */
+    int32_t parts_owed;/* conflicts in SRAM that were not added yet [hundredths of a cycle] */
     struct cache_set sets[CACHE_SETS];
 };
 
-/* Begin with the K64F's address map, no waits in SRAM, and everything enabled. */
+/* Begin with the K64F's address map, no waits in SRAM, and all functions of the controller enabled. */
 void waits_begin(struct memory_waits *waits);
 /* Set a row by its name, and drop lines and words. False, with no effect, if no row has that name or the value
  * is out of its range. */
 bool set_memory_row(struct memory_waits *waits, const char *row, int32_t value);
 
-/* Drop all lines, entries and words, and end reads, because memory was loaded anew. */
+/* Drop all lines, entries and words, and end reads, because memory was reloaded. */
 void waits_reset(struct memory_waits *waits);
-/* Restore a state with the same rows, or without one drop everything. */
+/* Restore a state with the same rows; with NULL, drop all lines, entries and words. */
 void waits_restore(struct memory_waits *waits, const struct memory_waits *state);
 /* Drop the last line read and the prefetched one (PFB0CR.S_B_INV). */
 void waits_forget_lines(struct memory_waits *waits);
-/* Empty one way of the cache (PFB0CR.CINV_WAY); it is filled next. */
+/* Empty one way of the cache (PFB0CR.CINV_WAY), which is then filled next. */
 void waits_forget_way(struct memory_waits *waits, uint32_t way);
 /* Drop the fetched word, because the core jumps. */
 void waits_forget_word(struct memory_waits *waits);
-/* Drop the fetched word and the owed parts of a cycle at an exception's entry or return, or before a call. */
+/* Drop the fetched word and the owed parts of a cycle, at an exception's entry or return or before a call. */
 void waits_flush(struct memory_waits *waits);
 /* Set the switches of half 0 or 1 of the flash. */
 void waits_switch(struct memory_waits *waits, uint32_t bank, struct bank_switches switches);
 
-/* Return the cycles that an instruction waits which is fetched at `cycle`, not before the previous access. */
+/* Return the wait of an instruction that is fetched at `cycle` [cycles]. Cycles of successive accesses must not
+ * decrease. */
 int32_t waits_fetch(struct memory_waits *waits, uint32_t address, uint32_t size, int64_t cycle);
-/* Return whether an instruction would never wait if it were fetched again and again. */
+/* Return whether an instruction that is fetched repeatedly never waits. */
 bool waits_are_over(const struct memory_waits *waits, uint32_t address, uint32_t size);
-/* Return the cycles that an access to data waits.
+/* Return the wait of an access to data [cycles].
  *
- * code_address, words: address of the instruction, and number of words it moves (`words` of struct instruction).
- * first: true for the first access of that instruction, the only one that conflicts with a fetch. address, size: the
- * data. cycle: the count so far, including the waits of this instruction. */
+ * code_address, words: address of the instruction, and number of words that it transfers (`words` of struct
+ * instruction). first: true for the first access of the instruction, the only one that conflicts with a fetch. address,
+ * size: the data. cycle: the count so far, including the waits of this instruction. */
 int32_t waits_access(
     struct memory_waits *waits, uint32_t code_address, uint32_t words, bool first, uint32_t address, uint32_t size,
     int64_t cycle);

@@ -1,1 +1,1 @@
-"""Cycles in detail: profiles of calls, uncertainty ranges, and counts with other timing profiles."""
+"""Analysis of cycles: profiles of calls, uncertainty ranges, and counts by other timing profiles."""

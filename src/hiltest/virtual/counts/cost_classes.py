@@ -1,8 +1,7 @@
-"""Classes of cycles: the work of a class of instructions, or a stall.
+"""Classes of cycles: work, by the class of the instruction, and stalls, by their cause.
 
-The work of an instruction is its cost if no earlier instruction delays it; the rest of its cost is a
-stall. The core finds the causes by removing the pipeline's state step by step, so that the parts always
-add up to the whole.
+The work of an instruction is its cost if no earlier instruction delays it; the rest of its cost are stalls. The core
+finds the causes by removing the state of the pipeline step by step, so that the parts always add up to the total.
 """
 
 from __future__ import annotations
@@ -23,23 +22,22 @@ class Work(StrEnum):
 
 
 class Stall(StrEnum):
-    """Reason why an instruction cost more than its work."""
+    """Cause for which an instruction costs more than its work."""
 
     TAKEN_BRANCH = "taken_branch"
     """Refill of the pipeline after a taken transfer."""
     FP_RESULT = "fp_result"
-    """Use of a result of the floating-point instruction right before."""
+    """Use of a result of the previous floating-point instruction."""
     DIVISION = "division"
-    """VDIV or VSQRT still occupies the FPU, or its result is not ready; or a multiply-accumulate, in a timing
-    profile that hides some of its cycles."""
+    """VDIV or VSQRT occupies the FPU, or its result is not ready; with some profiles also multiply-accumulate."""
     LOAD_USE = "load_use"
-    """A load whose address comes from the load right before, so that the two do not overlap."""
+    """A load whose address was loaded by the previous instruction, so that the two do not overlap."""
     STORE_BUFFER = "store_buffer"
-    """A load that waits for the store right before."""
+    """A load that waits for the previous store."""
     ADDRESS = "address"
-    """An address from a result of the instruction right before, in a profile with that rule."""
+    """An address that the previous instruction has computed, in a profile with that rule."""
     FETCH = "fetch"
-    """Four bytes not at a multiple of four that are not fetched yet, in a profile with that rule."""
+    """A misaligned instruction of four bytes that is not fetched yet, in a profile with that rule."""
 
 
 WORK_OF_ROW = {

@@ -1,7 +1,7 @@
-"""Uncertainty range of a count, from executing the code again with other values in uncertain profile rows.
+"""Uncertainty range of a count, from repeating the code with other values in the uncertain rows of the profile.
 
-A count with other values is the count of a board whose profile has those values. A row of its own states the share of
-counts that no row explains.
+The count by other values is exactly that of a board whose profile has these values. The row `doubt_permille` adds the
+uncertainty that no other row explains.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
-from hiltest.measurement import DOUBT, CycleRange, RowEffect, in_flash
+from hiltest.measurement import DOUBT, CycleRange, RowEffect, runs_from_flash
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.slices import PriceTables, Slice
 
-# The result is usable when the FPU is free, or a cycle later: the two rows are uncertain together.
+# The result can be used when the FPU is free, or a cycle later, so the two rows change together.
 _TOGETHER = {"fp_divide": "fp_divide_use"}
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One uncertainty of a profile: the values of its rows at either end."""
+    """One uncertainty of a profile: the values of its rows at both ends."""
 
     row: str
     low: dict[str, int]
@@ -31,7 +31,7 @@ class Move:
 
 
 def moves(profile: TimingProfile) -> Iterator[Move]:
-    """Yield the uncertainties of a profile: a row, or two rows that move together."""
+    """Yield the uncertainties of a profile: a row, or two rows that change together."""
     rows = profile.rows
     second = {row.against for row in rows.values()} | set(_TOGETHER.values())
     for name, row in rows.items():
@@ -49,7 +49,7 @@ def moves(profile: TimingProfile) -> Iterator[Move]:
 def cycle_range(
     profile: TimingProfile, cycles: int, whole: Sequence[Slice], empty: Sequence[Slice] = ()
 ) -> CycleRange | None:
-    """Return the uncertainty range of a count: every uncertain row takes any value of its own range.
+    """Return the range of counts if every uncertain row takes any value of its range.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def cycle_range(
 def _count(
     profile: TimingProfile, tables: Sequence[Mapping[str, int]], whole: Sequence[Slice], empty: Sequence[Slice]
 ) -> list[int] | None:
-    """Return the count by the profile, and by each table that differs from it in some rows; None if it is unknown."""
+    """Return the counts by the profile and by each table of rows that differ from it; None if they are unknown."""
     prices = _price_tables(whole[0].machine, profile, tables)
     counts, subtracted = prices.count(whole), prices.count(empty)
     if counts is None or subtracted is None:
@@ -101,11 +101,11 @@ def _count(
 
 _Key = tuple[str, str]
 _cached_tables: WeakKeyDictionary[Machine, dict[_Key, PriceTables]] = WeakKeyDictionary()
-_MOST_CACHED = 4  # for a machine: for the moves of one row and for those of all, by two profiles
+_MOST_CACHED = 4  # by machine: for the moves of one row and of all rows, for two profiles
 
 
 def _price_tables(machine: Machine, profile: TimingProfile, tables: Sequence[Mapping[str, int]]) -> PriceTables:
-    """Return price tables, cached if possible, because they have already priced much of the code."""
+    """Return price tables, from the cache if possible, because cached tables have already priced the code."""
     cached = _cached_tables.setdefault(machine, {})
     key = profile.digest, repr(tables)
     prices = cached.pop(key, None) or PriceTables(machine, profile, tables)
@@ -116,7 +116,7 @@ def _price_tables(machine: Machine, profile: TimingProfile, tables: Sequence[Map
 
 
 def _doubt(profile: TimingProfile, cycles: int) -> int:
-    """Return the error of a count [cycles] that is possible even if every row is right."""
+    """Return the uncertainty of a count that no row explains [cycles]."""
     row = profile.rows.get(DOUBT)
     return math.ceil(cycles * row.value / 1000) if row else 0
 
@@ -127,7 +127,7 @@ def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
     Returns
     -------
     CycleRange or None
-        None for a profile without such rows: the count then assumes zero wait states, and has no range.
+        None for a profile without such rows, whose counts assume zero wait states.
     """
     if not profile.memory:
         return None
@@ -135,38 +135,38 @@ def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
     return CycleRange(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
 
 
-def range_where_it_ran(
+def timed_range(
     profile: TimingProfile, cycle_model: str, cycles: int, executed: tuple[Sequence[Slice], Sequence[Slice]] | None
 ) -> CycleRange | None:
-    """Return the uncertainty range of a timed count, for the memory that the code ran from.
+    """Return the uncertainty range of a timed count, by the memory of the code.
 
-    No cost row covers waits for flash: a count of code in flash has the uncertainty that the profile states.
+    Cost rows do not cover waits for flash: the profile states the uncertainty of counts of code in flash.
 
     Parameters
     ----------
     profile
         Profile of the count.
     cycle_model
-        Its placement names the memory.
+        Cycle model of the count, whose placement is the memory of the code.
     executed
         Slices that were counted, and those that were subtracted; None if they are unknown.
     """
-    if in_flash(cycle_model):
+    if runs_from_flash(cycle_model):
         return flash_range(profile, cycles)
     return cycle_range(profile, cycles, *executed) if executed else None
 
 
 class TimedSteps:
-    """Recorder of the slices of steps that the firmware timed one after the other.
+    """Recorder of the slices of successive steps that the firmware timed.
 
     Parameters
     ----------
     counter
-        Counter that firmware reads around each step, and around the empty call before each.
+        Counter that firmware reads before and after each step, and before and after the empty call before each step.
     profile
         Profile of the counts.
     cycle_model
-        Its placement names the memory.
+        Cycle model of the counts, whose placement is the memory of the code.
     """
 
     def __init__(self, counter: CycleCounter, profile: TimingProfile, cycle_model: str) -> None:
@@ -177,7 +177,7 @@ class TimedSteps:
         self._complete = True
 
     def add(self, cycles: Sequence[int], overhead_cycles: int) -> None:
-        """Record the steps that were timed last, in order; one unknown step makes the whole unknown."""
+        """Record the latest timed steps, in order; if the slices of one step are unknown, the range is unknown."""
         executed = self._counter.executed_in_steps(cycles, overhead_cycles)
         self._complete = self._complete and executed is not None
         self._cycles += sum(cycles)
@@ -190,4 +190,4 @@ class TimedSteps:
         if not self._cycles:
             return None
         executed = (self._whole, self._empty) if self._complete else None
-        return range_where_it_ran(self._profile, self._cycle_model, self._cycles, executed)
+        return timed_range(self._profile, self._cycle_model, self._cycles, executed)

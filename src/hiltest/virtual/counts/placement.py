@@ -1,4 +1,4 @@
-"""Loops that lose cycles because of their instructions' addresses, and remedies."""
+"""Loops that lose cycles to misaligned instructions, and remedies."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ LEAST_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class LoopPlacement:
-    """A loop, and the cycles that its placement costs by the cycle model."""
+    """A loop, and the cycles that it loses to misaligned instructions according to the cycle model."""
 
     function: str
     location: str
     """Source line; empty without debug information."""
     address: int
     last: int
-    """Addresses of its first instruction, and of the branch back."""
+    """Addresses of the first instruction and of the branch back."""
     turns: int
     """Number of times that the branch back was taken."""
     misplaced: int
     wide: int
-    """Executed instructions of four bytes: those not at a multiple of four, and all."""
+    """Executions of misaligned instructions of four bytes, and of all instructions of four bytes."""
     cycles: int
-    """Cycles that they waited to be fetched, without inner loops."""
+    """Cycles that they waited for their fetch, without inner loops."""
     advice: str
-    """Change that moves the instructions that wait most."""
+    """Change that aligns the instructions that wait most."""
 
 
 @dataclass(slots=True)
 class FetchTally:
-    """Executions of an instruction, and the cycles that it waited to be fetched."""
+    """Executions of an instruction, and the cycles that it waited for its fetch."""
 
     address: int
     size: int
@@ -44,7 +44,7 @@ class FetchTally:
 
     @property
     def misplaced(self) -> bool:
-        """Return whether its four bytes are not at a multiple of four, so that two words have to be fetched."""
+        """Return whether its four bytes are in two words, both of which have to be fetched."""
         return self.size == 4 and self.address % 4 != 0
 
 
@@ -59,7 +59,7 @@ def placements(
     image: FirmwareImage,
     text_at: Callable[[int], str],
 ) -> Iterator[LoopPlacement]:
-    """Yield the loops of a function in which instructions wait to be fetched.
+    """Yield the loops of a function in which instructions wait for their fetch.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def placements(
 
 
 def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]) -> str:
-    """Return the change that moves the run of misplaced instructions that waits most."""
+    """Return the change that aligns the run of misaligned instructions that waits most."""
     ends = {tally.address + tally.size: tally for tally in tallies}
     late: Counter[int] = Counter()
     for tally in tallies:
@@ -102,8 +102,8 @@ def _advice(loop: Loop, tallies: list[FetchTally], text_at: Callable[[int], str]
                 begin = ends[begin].address
             late[begin] += tally.late
     (begin, _), *others = late.most_common()
-    more = f"; {len(others)} more such run{'s' if len(others) > 1 else ''}" if others else ""
+    more = f"; {len(others)} more run{'s' if len(others) > 1 else ''}" if others else ""
     before = None if begin == loop[0] else ends.get(begin)
     if before is None or before.size == 4:
-        return f"begin {begin:#010x} at a multiple of four (.balign 4, -falign-loops=4){more}"
-    return f"make {text_at(before.address)!r} at {before.address:#010x} four bytes (.w){more}"
+        return f"align {begin:#010x} to a multiple of four (.balign 4, -falign-loops=4){more}"
+    return f"encode {text_at(before.address)!r} at {before.address:#010x} in four bytes (.w){more}"

@@ -1,7 +1,7 @@
-"""Profile of the cycles of one call: by function, source line, instruction, and kind of work or stall.
+"""Profile of the cycles of one call: by function, source line, instruction, and class of work or stall.
 
-The core counts each instruction on each path of calls, and splits its cost by the timing profile, so that the tables
-add up to the total. Waits for memories are separate.
+The core counts the executions of each instruction on each path of calls, and splits the instruction's cost, so that the
+tables add up to the total. Waits for memories are counted separately.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hiltest.virtual.core.decoder import decode_first
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.counts.cost_classes import STALL_NUMBERS, WORK_OF_ROW, Stall, Work
-from hiltest.virtual.counts.cycle_range import range_where_it_ran
+from hiltest.virtual.counts.cycle_range import timed_range
 from hiltest.virtual.counts.placement import LEAST_SHARE, FetchTally, Loop, LoopPlacement, placements
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.slices import Slice
@@ -40,7 +40,7 @@ class FunctionCost:
     """Number of entries."""
     cycles: int
     self_cycles: int
-    """Cycles with and without its callees."""
+    """Cycles with and without those of callees."""
     instructions: int
     stall_cycles: int
     """Stall cycles of the function itself."""
@@ -48,7 +48,7 @@ class FunctionCost:
 
 @dataclass(frozen=True, slots=True)
 class LineCost:
-    """Cost of one source line; inlined code counts at its own line."""
+    """Cost of one source line; inlined code counts for the line of its own source."""
 
     location: str
     cycles: int
@@ -86,22 +86,21 @@ class CallProfile(CallResult):
     """Timing profile and placement of the code: ``cortex-m4-trm/2@sram``."""
     work: Mapping[Work, int]
     stalls: Mapping[Stall, int]
-    """Cycles of each class of instructions and of each stall; with `asleep_cycles` they add up to
-    `cycles`."""
+    """Cycles of each class of instructions and of each stall; with `asleep_cycles` they add up to `cycles`."""
     asleep_cycles: int
-    """Cycles without an instruction: WFI."""
+    """Cycles of sleep (WFI)."""
     functions: tuple[FunctionCost, ...]
     lines: tuple[LineCost, ...]
     addresses: tuple[AddressCost, ...]
     stacks: tuple[StackCost, ...]
     """Most expensive first; `lines` is empty without debug information."""
     band: CycleRange | None
-    """Uncertainty range of `cycles`; None if other things than instructions took time, and for code in flash if the
-    profile has no memory rows."""
+    """Uncertainty range of `cycles`; None if the call took exceptions or slept, or for code in flash if the profile has
+    no memory rows."""
     memory_cycles: int | None = None
-    """Cycles of waits for memories, which the tables omit; None if the timing profile has no memory rows."""
+    """Cycles of waits for memories, which are not in the tables; None if the timing profile has no memory rows."""
     loops: tuple[LoopPlacement, ...] = ()
-    """Loops with badly placed instructions, the most expensive first; empty if the profile has no fetch rules."""
+    """Loops with misaligned instructions, the most expensive first; empty if the profile has no fetch rules."""
 
     def share(self, cycles: int) -> float:
         """Return the share of the total [%]."""
@@ -115,7 +114,7 @@ def profile_call(
     timeout_s: float = HANG_S,
     clock_hz: float | None = None,
 ) -> CallProfile:
-    """Call one function of an image, and count its cycles in detail.
+    """Call one function of an image, and profile its cycles.
 
     Parameters
     ----------
@@ -149,12 +148,12 @@ def profile_call(
 
 
 class _Owners:
-    """Assignment of addresses to functions, and their names.
+    """Functions of the image's code, by address.
 
     Attributes
     ----------
     ranges : list of (int, int, int)
-        Begin and end of some code, and the beginning of its function; in order.
+        Begin and end of a range of code, and address of its function; in order.
     """
 
     def __init__(self, image: FirmwareImage, callee: Symbol | None) -> None:
@@ -172,7 +171,7 @@ class _Owners:
             self._names.setdefault(owner.address, owner.name)
 
     def name(self, function: int) -> str:
-        """Return the name of the function at an address; without a symbol the address is its name."""
+        """Return the name of the function at an address, or the address if there is no symbol."""
         return self._names.get(function, f"{function:#x}")
 
 
@@ -191,7 +190,7 @@ class _Tally:
 
 
 class _Path:
-    """A function as reached along one path of calls; `functions` has the beginning of each function on the path."""
+    """A function on one path of calls; `functions` are the addresses of all functions on the path."""
 
     def __init__(self, record: Any, caller: tuple[int, ...]) -> None:
         self.function: int = record.function
@@ -238,11 +237,11 @@ class _Sums:
     def profile(self, function: str, result: CallResult, memory_cycles: int) -> CallProfile:
         """Return the profile with all tables."""
         root = self._paths[0]
-        entering = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # entries of handlers
-        root.asleep_cycles += entering
-        root.own.cycles += entering
-        nothing: list[Slice] = []
-        executed = ([result.executed], nothing) if result.executed else None
+        entries = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # of exceptions
+        root.asleep_cycles += entries
+        root.own.cycles += entries
+        empty: list[Slice] = []
+        executed = ([result.executed], empty) if result.executed else None
         addresses = tuple(sorted(self._address_costs(), key=lambda cost: (-cost.cycles, cost.address)))
         return CallProfile(
             result.value,
@@ -258,7 +257,7 @@ class _Sums:
             lines=tuple(sorted(_line_costs(addresses), key=lambda cost: (-cost.cycles, cost.location))),
             addresses=addresses,
             stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
-            band=range_where_it_ran(self._timing, self._cycle_model, result.cycles, executed),
+            band=timed_range(self._timing, self._cycle_model, result.cycles, executed),
             memory_cycles=memory_cycles if self._timing.memory else None,
             loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
         )
@@ -273,14 +272,14 @@ class _Sums:
 
     @property
     def _names(self) -> dict[int, str]:
-        """Names of functions; static ones with the same name also have their addresses."""
+        """Names of functions by address; a name that several functions share is followed by the address."""
         names = {path.function: self._owners.name(path.function) for path in self._paths}
         often = Counter(names.values())
         return {function: name if often[name] == 1 else f"{name}@{function:#x}" for function, name in names.items()}
 
     @property
     def _cycle_model(self) -> str:
-        """Timing profile and the memories that the code ran from, the one with the most cycles first."""
+        """Timing profile, and the memories of the executed code with the most cycles first."""
         cycles: Counter[str] = Counter()
         for (_, address), tally in self._addresses.items():
             in_flash = self._memory.map.is_in_flash(address)
@@ -307,7 +306,7 @@ class _Sums:
             calls[path.function] += path.entries
             tally = path.own
             own.setdefault(path.function, _Tally()).add(tally.executions, tally.cycles, tally.stall_cycles)
-            # A recursive function is on the path more than once, but its cycles count once.
+            # A recursive function is on the path several times, but its cycles count once.
             for function in set(path.functions):
                 inclusive[function] += tally.cycles
         names = self._names
@@ -347,7 +346,7 @@ def _read_costs(machine: Machine) -> Iterator[Any]:
 
 
 def _line_costs(addresses: tuple[AddressCost, ...]) -> Iterator[LineCost]:
-    """Sum up by source line; yield nothing if no line is known."""
+    """Yield the costs of source lines; none if the image has no line table."""
     lines: dict[str, _Tally] = {}
     for cost in addresses:
         lines.setdefault(cost.location, _Tally()).add(cost.executions, cost.cycles, cost.stall_cycles)

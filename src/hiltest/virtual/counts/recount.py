@@ -1,4 +1,4 @@
-"""Repetition of a solution from the beginnings of its slices, with waits for memories."""
+"""Counts of solutions with waits for memories, from repeating their slices."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hiltest.virtual.peripherals.fmc import FlashControl
 from hiltest.virtual.processor.memory import BoardMemory
 
 _FLASH_SWITCHES = range(0, 12, 4)  # PFAPR, PFB0CR and PFB1CR, which firmware may have written
-_LARGEST_FACTOR = 100  # more than waits can add, unless other code is executed
+_LARGEST_FACTOR = 100  # waits add less than this, unless the repeated slice executes other code
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class Recount:
 
     cycles: int
     waits: int
-    """Share of the waits in `cycles`."""
+    """Part of `cycles` that are waits."""
 
 
 def count_with_waits(board: VirtualK64F, solution: RecordedSolution, profile: TimingProfile) -> Recount:
-    """Execute the slices of a solution again, each from its initial state.
+    """Repeat the slices of a solution, each from its initial state.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ def count_with_waits(board: VirtualK64F, solution: RecordedSolution, profile: Ti
     Raises
     ------
     ConfigError
-        If a slice does not take the same cycles, apart from waits: then it depends on something outside, such as
-        a device, and the count would be that of another computation.
+        If a slice does not take the same cycles, apart from waits: it then depends on external state, such as that of a
+        device, and the count would be that of another computation.
     """
     machine = Machine(profile)
     BoardMemory(machine, board.processor.memory.map)
     control = FlashControl(machine)
-    with board.unnoticed():
+    with board.pause_unmodelled():
         for offset in _FLASH_SWITCHES:
             control.write(offset, 4, board.bus.read(control.base + offset, 4))
     total = 0
@@ -56,8 +56,8 @@ def count_with_waits(board: VirtualK64F, solution: RecordedSolution, profile: Ti
         without = cycles - (machine.core.memory_cycles - begin.memory_cycles)
         if not returns or without != part.cycles:
             raise ConfigError(
-                f"{part.function}: slice {number} of {len(solution.slices)} takes {without} cycles when it is executed "
-                f"once more, not {part.cycles}: something from outside changes what it does"
+                f"{part.function}: slice {number} of {len(solution.slices)} takes {without} cycles when repeated, not "
+                f"{part.cycles}: it depends on external state"
             )
         total += cycles
     return Recount(total, total - solution.cycles)

@@ -1,1 +1,1 @@
-"""Coverage of uninstrumented firmware: executed lines, functions and branches."""
+"""Coverage of firmware without instrumentation: executed lines, functions and branches."""

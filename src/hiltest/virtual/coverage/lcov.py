@@ -1,4 +1,4 @@
-"""Coverage of source files: writing, reading and adding LCOV files."""
+"""Coverage of source files, which can be added, and written to and read from LCOV files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Share(NamedTuple):
     """A count and its total."""
 
     hit: int
-    found: int
+    total: int
 
 
 @dataclass(slots=True)
@@ -73,12 +73,12 @@ def _share(hits: Iterable[bool]) -> Share:
 
 
 def refuse_file(path: Path) -> None:
-    """Refuse the name of a file that cannot be written, before the run.
+    """Reject the name of a file that cannot be written.
 
     Raises
     ------
     ConfigError
-        If it is a folder, or its folder does not exist.
+        If it is a folder, or is in a folder that does not exist.
     """
     reason = "it is a folder" if path.is_dir() else "" if path.parent.is_dir() else f"there is no folder {path.parent}"
     if reason:
@@ -146,5 +146,5 @@ def from_lcov(text: str, name: str) -> Coverage:
                 at, count_text = value.split(",")[:2]
                 file.lines[int(at)] = int(count_text)
         except (AssertionError, ValueError, KeyError, IndexError) as error:
-            raise ConfigError(f"{name}:{number}: {line!r} is no record of LCOV; run again") from error
+            raise ConfigError(f"{name}:{number}: {line!r} is not an LCOV record; run again") from error
     return coverage

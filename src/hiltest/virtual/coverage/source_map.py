@@ -1,7 +1,7 @@
 """Mapping from instructions to lines, functions and branches of the source.
 
-The line table of the DWARF gives the start of each statement; its rows for the instructions between are not usable,
-because the compiler moves these. Branches are found in the instructions themselves.
+The line table of the DWARF has the first instruction of each statement. Its rows of other instructions are not used,
+because the compiler moves these instructions. Branches are found by decoding the instructions.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from hiltest.virtual.processor.executed_code import ExecutedCode
 from hiltest.virtual.program.elf import LIBRARIES, FirmwareImage
 
 _WITHOUT_LINES = (
-    "no coverage without source lines: {name} has no line table, or it is damaged; give the .elf of a build with -g"
+    "no coverage without source lines: the line table of {name} is missing or damaged; use the .elf of a build with -g"
 )
 _END = -1  # line of a row that ends the code of a file
-# Suffixes of function parts that the compiler split off, which are entered from within the function.
-_CUT_OFF = (".part", ".cold")
+# Suffixes of parts that the compiler split off from a function, and that are entered from within the function.
+_SPLIT_PARTS = (".part", ".cold")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class SourceMap:
     Raises
     ------
     ConfigError
-        When it has no line table, or a damaged one.
+        If the line table is missing or damaged.
     """
 
     def __init__(self, image: FirmwareImage) -> None:
@@ -78,7 +78,7 @@ class SourceMap:
                 self._rows.append(Row(end, "", _END, begins_statement=False))
         if not self._rows:
             raise ConfigError(_WITHOUT_LINES.format(name=image.name))
-        # The last of several rows at one address counts, except that a stretch may begin where another one ends.
+        # The last of several rows at one address applies, but rows that end a sequence come first.
         self._rows.sort(key=lambda row: (row.address, row.line != _END))
         self._starts = [row.address for row in self._rows]
 
@@ -92,7 +92,7 @@ class SourceMap:
         return coverage
 
     def _row_at(self, address: int) -> Row:
-        """Return the row of an address; for one before all code the last row, which has no line."""
+        """Return the row of an address; for an address before all code, the last row, which has no line."""
         return self._rows[bisect_right(self._starts, address) - 1]
 
     def _instructions(self) -> _Code:
@@ -109,7 +109,7 @@ class SourceMap:
         return code
 
     def _count_lines(self, coverage: Coverage, code: ExecutedCode, instructions: set[int]) -> None:
-        """Count for each line the most frequent statement start, in each function that has it."""
+        """Set the count of each line to that of its most frequent statement start, summed over functions."""
         most: dict[tuple[str, int, bool], dict[int, int]] = {}
         for row in self._rows:
             if row.line > 0 and row.address in instructions:
@@ -130,9 +130,9 @@ class SourceMap:
                 continue
             name, _, clone = symbol.name.partition(".")
             functions, count = coverage.files[row.file].functions, code.executed[address]
-            if f".{clone}".startswith(_CUT_OFF):
+            if f".{clone}".startswith(_SPLIT_PARTS):
                 functions.setdefault(name, (row.line, count))
-            elif (row.file, name) in whole:  # the compiler made several copies of it
+            elif (row.file, name) in whole:  # the compiler made several copies of the function
                 functions[name] = functions[name][0], functions[name][1] + count
             else:
                 functions[name] = row.line, count
@@ -160,7 +160,7 @@ class SourceMap:
 
 
 def _sequences(dwarf: Any) -> Iterator[tuple[list[Row], int]]:
-    """Yield the rows of each stretch of the firmware's own code, and its end."""
+    """Yield the rows and the end address of each sequence of the firmware's own code."""
     for unit in dwarf.iter_CUs():
         top = unit.get_top_DIE()
         folder = _text(top, "DW_AT_comp_dir")
@@ -181,7 +181,7 @@ def _sequences(dwarf: Any) -> Iterator[tuple[list[Row], int]]:
                 rows = []
                 continue
             name = names[state.file]
-            # Code of a library's header is ignored, but ends the code before it.
+            # Code from a library's header is ignored, but its row ends the previous row.
             rows.append(Row(state.address & ~1, name, state.line if name else 0, bool(state.is_stmt)))
 
 
@@ -203,7 +203,7 @@ def _file_names(program: Any, folder: str) -> dict[int, str]:
 
 
 def _display_path(folder: str, path: PurePosixPath) -> str:
-    """Return a path relative to the current folder if it is below it; a build with mapped paths has relative ones."""
+    """Return a path relative to the current folder if it is below it; paths that a build has mapped stay relative."""
     if folder.startswith("/") or path.parts[:1] == ("..",):
         path = PurePosixPath(folder, path)
     name = os.path.normpath(path)

@@ -1,10 +1,10 @@
-"""Timing profiles in files, shipped with the package or written by users, and checked before use."""
+"""Reader of timing profiles, which are shipped with the package or written by users."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -19,17 +19,17 @@ DEFAULT_PROFILE = "cortex-m4-trm/2"
 MEMORY_PROFILE = "cortex-m4-k64f/2"
 SUFFIX = ".toml"
 
-#: Rows of every profile, and the instructions that each prices.
+#: Rows of every profile, and the instructions that each row prices.
 ROWS = {
     "data": "moves, arithmetic, logic, shifts, saturation, SIMD, multiplies, long and accumulating ones too",
     "divide": "SDIV, UDIV",
     "load": "LDR and narrower",
-    "load_behind_load": "a load right behind a load that does not make its address",
+    "load_behind_load": "a load right after a load that does not compute its address",
     "store": "STR and narrower, immediate offset",
     "store_register_offset": "STR and narrower, register offset",
-    "store_behind_load": "an immediate-offset store right behind a load",
-    "load_behind_store": "added to a load right behind a store",
-    "multiple_base": "LDM, STM, PUSH, POP, LDRD, STRD, VLDM, VSTM: beside 1 a word",
+    "store_behind_load": "an immediate-offset store right after a load",
+    "load_behind_store": "added to a load right after a store",
+    "multiple_base": "LDM, STM, PUSH, POP, LDRD, STRD, VLDM, VSTM: in addition to 1 per word",
     "branch": "the branch itself, taken or not",
     "refill_direct": "added when a branch to a fixed target is taken",
     "refill_indirect": "added when the target comes from a register or memory",
@@ -41,51 +41,51 @@ ROWS = {
     "fp": "VADD, VSUB, VMUL, VNMUL, VNEG, VABS, VCMP, VCVT, VMOV, VMRS, VMSR",
     "fp_use": "added when the next instruction uses a floating-point result",
     "fp_accumulate": "VMLA, VMLS, VFMA, VFMS and their negations",
-    "fp_accumulate_hidden": "how many of those cycles go on under integer instructions",
-    "fp_divide": "how long VDIV and VSQRT keep the FPU busy",
-    "fp_divide_use": "from VDIV or VSQRT until its result can be used",
+    "fp_accumulate_hidden": "part of fp_accumulate that overlaps integer instructions",
+    "fp_divide": "time for which VDIV or VSQRT occupies the FPU",
+    "fp_divide_use": "time from VDIV or VSQRT until its result can be used",
     "fp_load": "VLDR",
     "fp_store": "VSTR",
     "fp_move_pair": "VMOV between two core registers and two single ones",
     "exception_entry": "exception entry",
     "exception_return": "exception return",
 }
-#: Optional rows of a profile, and their meaning; without a row its rule does not hold.
+#: Optional rows of a profile, and their meaning; without a row its rule does not apply.
 RULES = {
-    "address_use": "added when an address is made of what the data-processing instruction right before computed",
-    "it_folded": "IT behind an instruction of two bytes",
-    "it_skipped": "an instruction of an IT block whose condition does not hold; without this row, as if executed",
-    "target_misplaced": "added when a taken branch leads to four bytes that are not at a multiple of four",
-    "return_misplaced": "the same, when the target comes from a register or memory",
+    "address_use": "added when an address depends on the result of the data-processing instruction right before",
+    "it_folded": "IT after an instruction of two bytes",
+    "it_skipped": "an instruction that an IT block skips; without this row it costs as much as if executed",
+    "target_misplaced": "added when the target of a taken branch is a misaligned instruction of four bytes",
+    "return_misplaced": "the same when the target comes from a register or memory",
     "refill_table": "instead of refill_indirect: TBB, TBH",
     "refill_load": "instead of refill_indirect: LDR to the PC",
-    "fetch_late": "the third of three instructions of four bytes, none at a multiple of four, behind one of two cycles",
-    "fetch_late_fp": "the same behind a floating-point instruction of one cycle",
-    "fetch_late_integer": "the same behind an integer instruction of one cycle",
-    "tail_chain": "instead of a return and an entry, where an exception waits when a handler ends",
-    "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and restored",
-    "doubt_permille": "thousandths of any count by which it may be wrong where every row is right",
+    "fetch_late": "added to the third of three misaligned instructions of four bytes after one of two cycles",
+    "fetch_late_fp": "the same after a floating-point instruction of one cycle",
+    "fetch_late_integer": "the same after an integer instruction of one cycle",
+    "tail_chain": "instead of a return and an entry, when an exception is pending as a handler ends",
+    "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and when restored",
+    "doubt_permille": "uncertainty of any count that no row explains, in thousandths of the count",
 }
 #: Rows of the memories, and their meaning.
 MEMORY_ROWS = {
     "flash_clocks": "core clocks of one clock of the flash",
-    "flash_line_bytes": "what one read of the flash brings",
-    "flash_read_ahead": "whether the next line is read at once",
-    "cache_entry_bytes": "size of an entry of the flash cache",
-    "cache_ways": "entries of a set of it",
-    "cache_sets": "sets of it",
+    "flash_line_bytes": "bytes of one read of the flash",
+    "flash_read_ahead": "1 if the next line is prefetched at once",
+    "cache_entry_bytes": "bytes of an entry of the flash cache",
+    "cache_ways": "ways of the flash cache",
+    "cache_sets": "sets of the flash cache",
     "lower_single": "hundredths of a clock: LDR, STR, code and data in SRAM_L",
     "lower_multiple": "hundredths of a clock: LDM, STM, code and data in SRAM_L",
     "upper_single": "hundredths of a clock: LDR, STR, code and data in SRAM_U",
     "upper_multiple": "hundredths of a clock: LDM, STM, code and data in SRAM_U",
     "flash_lower_single": "hundredths of a clock: LDR, STR, code in flash, data in SRAM_L",
     "flash_lower_multiple": "hundredths of a clock: LDM, STM, code in flash, data in SRAM_L",
-    "flash_uncertainty": "percent of a total of code in flash",
+    "flash_uncertainty": "uncertainty of a count of code in flash, in percent of the count",
 }
 #: Optional rows of the memories.
-MEMORY_RULES = {"unaligned": "added for each part but the first of an access at no multiple of its size"}
+MEMORY_RULES = {"unaligned": "added for each part but the first of an unaligned access"}
 #: Least value of rows, if it is more than 0. A branch to itself must take time, or it would never reach the event that
-#: ends it; a read of the flash brings whole words.
+#: ends it; a read of the flash returns whole words.
 AT_LEAST = {
     "branch": 1,
     "fp_accumulate": 1,
@@ -96,9 +96,9 @@ AT_LEAST = {
     "cache_ways": 1,
     "cache_sets": 1,
 }
-_DEAREST = 1000  # cycles: far more than any instruction takes, while sums stay within 32 bits
+_MOST_CYCLES = 1000  # far more than any instruction takes, while sums stay within 32 bits
 _AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100, "cache_ways": 16, "cache_sets": 64}  # as core/waits.h
-_POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # they divide addresses
+_POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # addresses are divided by them
 _LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "memory_base", "cost", "memory", "board", "measured")  # the last two price nothing
 _KEYS = ("value", "band", "source", "against")
@@ -109,8 +109,8 @@ _WITH_ROWS = {"cost": DEFAULT_PROFILE, "memory": MEMORY_PROFILE}
 
 def _advice(table: str = "cost") -> str:
     return (
-        f'write base = "{_WITH_ROWS[table]}" below its name, and only the rows that you know better; or start from '
-        "a copy of a profile that ships: `hiltest timing show` says which file"
+        f'write base = "{_WITH_ROWS[table]}" below its name, and only the rows that differ; or start from a copy of a '
+        "shipped profile: `hiltest timing show` prints its file"
     )
 
 
@@ -128,12 +128,12 @@ def load_profile(name: str) -> TimingProfile:
     Parameters
     ----------
     name
-        Name of a shipped profile, or a user's own file, which ends in ``.toml``.
+        Name of a shipped profile, or a user's own file (``.toml``).
 
     Raises
     ------
     ConfigError
-        If there is no such profile, or the file is not a timing profile; the message says where and what to do.
+        If there is no such profile, or the file is not a timing profile; the message names the place and a remedy.
     """
     file = place_of(name)
     content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
@@ -141,12 +141,12 @@ def load_profile(name: str) -> TimingProfile:
 
 
 def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
-    """Read a profile that may have been measured.
+    """Read the file of a measured profile.
 
     Returns
     -------
     content : dict
-        Everything in the file; ``board`` and ``measured`` are unchecked.
+        Content of the file; ``board`` and ``measured`` are unchecked.
     name : str
     rows : dict of str to CostRow
 
@@ -161,7 +161,7 @@ def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
 
 
 def place_of(name: str) -> Path:
-    """Return the file of a profile, which exists if the profile is a shipped one.
+    """Return the file of a profile; the file of a user's own profile may be missing.
 
     Raises
     ------
@@ -173,13 +173,13 @@ def place_of(name: str) -> Path:
     file = shipped_profiles().get(name)
     if file is None:
         names = ", ".join(shipped_profiles())
-        raise ConfigError(f"no timing profile {name!r}; known: {names}; a file of your own ends in {SUFFIX}")
+        raise ConfigError(f"no timing profile {name!r}; known: {names}; the name of your own file ends in {SUFFIX}")
     return file
 
 
 @cache
 def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
-    # The same content gives the same object, by which priced blocks are cached.
+    # Caches of prices are keyed by the object, so the same content must give the same object.
     return TimingProfile(*_parse(place, content), shipped=shipped)
 
 
@@ -196,7 +196,7 @@ def _parse(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[st
     name = data.get("name")
     if not isinstance(name, str) or not _NAME.fullmatch(name):
         raise ConfigError(
-            f"{place}: name: small letters, digits, '.', '-' and '/', at most 64, not {shown(name)}; "
+            f"{place}: name: must be at most 64 lower-case letters, digits, '.', '-' and '/', not {shown(name)}; "
             'write for example name = "my-board/1"'
         )
     rows, memory = _base(place, name, data["base"]) if "base" in data else ({}, {})
@@ -216,7 +216,7 @@ def _parse(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[st
 def _base(place: str, name: str, base: Any, *, key: str = "base") -> tuple[dict[str, CostRow], dict[str, CostRow]]:
     if not isinstance(base, str) or base not in shipped_profiles() or base == name:
         names = ", ".join(shipped_profile for shipped_profile in shipped_profiles() if shipped_profile != name)
-        raise ConfigError(f"{place}: {key}: must be a profile that ships: {names}; not {shown(base)}")
+        raise ConfigError(f"{place}: {key}: must be a shipped profile: {names}; not {shown(base)}")
     profile = load_profile(base)
     return profile.rows, profile.memory
 
@@ -227,18 +227,18 @@ def _table(
     rows: Any,
     required: Mapping[str, str],
     base: dict[str, CostRow],
-    optional: Mapping[str, str] | None = None,
+    optional: Mapping[str, str],
 ) -> dict[str, CostRow]:
     if not isinstance(rows, dict):
-        raise ConfigError(f"{place}: it has no table [{table}.ROW]; {_advice(table)}")
-    every = (*required, *(optional or ()))
-    for key in sorted(rows.keys() - set(every)):
-        raise UnknownKeyError(key, where=f"{place}: {table}", known=every)
+        raise ConfigError(f"{place}: there is no table [{table}.ROW]; {_advice(table)}")
+    names = (*required, *optional)
+    for key in sorted(rows.keys() - set(names)):
+        raise UnknownKeyError(key, where=f"{place}: {table}", known=names)
     if missing := [row for row in required if row not in rows and row not in base]:
-        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in all; {_advice(table)}")
+        raise ConfigError(f"{place}: {table}.{missing[0]} is missing, {len(missing)} rows in total; {_advice(table)}")
     return {
         row: _row(f"{place}: {table}.{row}", row, rows[row]) if row in rows else base[row]
-        for row in every
+        for row in names
         if row in rows or row in base
     }
 
@@ -254,19 +254,19 @@ def _row(place: str, row: str, table: Any) -> CostRow:
     value = _cycles(f"{place}.value", row, table.get("value"))
     low, high = (_cycles(f"{place}.band", row, bound) for bound in band)
     if not low <= value <= high:
-        raise ConfigError(f"{place}.band: {low} to {high} does not hold the value {value}; correct one of them")
+        raise ConfigError(f"{place}.band: {low} to {high} does not contain the value {value}; correct one of them")
     if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
-        raise ConfigError(f"{place}.source: must say in up to 500 characters where the number comes from")
-    if not source.isprintable():  # a terminal would obey other characters
+        raise ConfigError(f"{place}.source: must state the origin of the number in up to 500 characters")
+    if not source.isprintable():  # a terminal would execute control characters
         raise ConfigError(f"{place}.source: must be one line of printable characters, not {shown(source)}")
     against = table.get("against", "")
     if against != "" and (against not in ROWS or against == row):
-        raise ConfigError(f"{place}.against: must be another row that it sums up with, not {shown(against)}")
+        raise ConfigError(f"{place}.against: must be the name of another row, not {shown(against)}")
     return CostRow(value, (low, high), source, against)
 
 
 def _cycles(place: str, row: str, cycles: Any) -> int:
-    least, most = AT_LEAST.get(row, 0), _AT_MOST.get(row, _DEAREST)
+    least, most = AT_LEAST.get(row, 0), _AT_MOST.get(row, _MOST_CYCLES)
     if not isinstance(cycles, int) or isinstance(cycles, bool) or not least <= cycles <= most:
         expected = "whole cycles" if row not in MEMORY_ROWS else "a whole number"
         raise ConfigError(f"{place}: must be {expected} from {least} to {most}, not {shown(cycles)}")
@@ -277,33 +277,29 @@ def _cycles(place: str, row: str, cycles: Any) -> int:
 
 def _check_division(place: str, rows: dict[str, CostRow]) -> None:
     busy, use = rows["fp_divide"], rows["fp_divide_use"]
-    if not all(0 <= late <= 1 for late in _lateness(busy, use)):
+    ends = zip((busy.value, *busy.band), (use.value, *use.band), strict=True)
+    if not all(0 <= at_use - at_busy <= 1 for at_busy, at_use in ends):
         raise ConfigError(
-            f"{place}: cost.fp_divide_use must be fp_divide or one cycle more, as must the ends of their bands: "
-            "the result is usable when the FPU is free, or a cycle later"
+            f"{place}: cost.fp_divide_use must be fp_divide or one cycle more, also at the ends of their bands: "
+            "the result can be used when the FPU is free, or a cycle later"
         )
 
 
 def _check_accumulation(place: str, rows: dict[str, CostRow], *, own: bool) -> None:
-    """Reject more hidden cycles than possible; the range of a base may be larger, and is cut."""
-    dearest, hidden = rows["fp_accumulate"].band[1], rows["fp_accumulate_hidden"]
-    if hidden.value >= dearest or (own and hidden.band[1] >= dearest):
+    """Reject more hidden cycles than possible; only the range of a base may be larger."""
+    most, hidden = rows["fp_accumulate"].band[1], rows["fp_accumulate_hidden"]
+    if hidden.value >= most or (own and hidden.band[1] >= most):
         raise ConfigError(
-            f"{place}: cost.fp_accumulate_hidden and its band must be less than {dearest}, the end of fp_accumulate's "
-            "band: the cycle in which it is issued is never hidden"
+            f"{place}: cost.fp_accumulate_hidden and its band must be less than {most}, the end of fp_accumulate's "
+            "band: the cycle of its issue is never hidden"
         )
 
 
 def _check_cache(place: str, memory: dict[str, CostRow]) -> None:
     if memory and memory["cache_entry_bytes"].value > memory["flash_line_bytes"].value:
         raise ConfigError(
-            f"{place}: memory.cache_entry_bytes must be at most flash_line_bytes: an entry is of one read of the flash"
+            f"{place}: memory.cache_entry_bytes must be at most flash_line_bytes: one read of the flash fills an entry"
         )
-
-
-def _lateness(busy: CostRow, use: CostRow) -> Iterator[int]:
-    for at_busy, at_use in ((busy.value, use.value), *zip(busy.band, use.band, strict=True)):
-        yield at_use - at_busy
 
 
 def _check_sums(place: str, rows: dict[str, CostRow]) -> None:
@@ -314,6 +310,6 @@ def _check_sums(place: str, rows: dict[str, CostRow]) -> None:
         sums = {row.value + other.value, row.band[0] + other.band[1], row.band[1] + other.band[0]}
         if len(sums) > 1:
             raise ConfigError(
-                f"{place}: cost.{name}.against: with {row.against} it sums to {min(sums)} to {max(sums)} cycles; "
-                "opposite ends of the two bands must sum to what the values do"
+                f"{place}: cost.{name}.against: its sum with {row.against} is {min(sums)} to {max(sums)} cycles; "
+                "opposite ends of the two bands must have the same sum as the values"
             )

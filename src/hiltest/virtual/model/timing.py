@@ -1,6 +1,6 @@
-"""Versioned tables of clock cycles, by which the core prices instructions.
+"""Timing profiles: versioned tables of clock cycles, with which the core prices instructions.
 
-A table (``profiles/*.toml``) holds a value, an uncertainty range (`band`) and a source for every row. The rules for the
+A table (``profiles/*.toml``) has a value, an uncertainty range (`band`) and a source in every row. The rules for the
 effect of an instruction on the next one are in ``core/prices.c``.
 """
 
@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, slots=True)
 class CostRow:
-    """One priced class of instructions [cycles].
+    """Cost of a class of instructions [cycles].
 
-    `against` names a row that a measurement ties it to: only the sum of the two is known, so one is at the top of its
-    range if the other is at the bottom.
+    `against` names a second row if a measurement gave only the sum of both: one is then at the top of its range if the
+    other is at the bottom.
     """
 
     value: int
@@ -26,22 +26,22 @@ class CostRow:
 
 
 class TimingProfile:
-    """A table of prices.
+    """A timing profile.
 
     Parameters
     ----------
     name
         Name and version, such as ``cortex-m4-trm/2``.
     memory
-        Rows of the memories, for counts with every access.
+        Rows of the memories; with them, counts include waits for memories.
     shipped
-        True if a test checks the numbers under that name; otherwise a digest is appended to the name, so that two
-        tables with the same name are not compared: ``mine/1+0a1b2c3d``.
+        True if the package's tests fix the numbers of this name; otherwise a digest is appended to the name, as in
+        ``mine/1+0a1b2c3d``, so that counts of different tables are not compared.
 
     Attributes
     ----------
     digest : str
-        Hash of the original name and of every value and range.
+        Hash of the original name, and of every value and range.
     """
 
     def __init__(
@@ -56,6 +56,6 @@ class TimingProfile:
 
 
 def replace_values(profile: TimingProfile, values: Mapping[str, int]) -> TimingProfile:
-    """Return a profile with other values in some rows, within their ranges or not."""
+    """Return a profile with other values in some rows, which may be outside their ranges."""
     rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
     return TimingProfile(profile.name, rows, profile.memory, shipped=False)

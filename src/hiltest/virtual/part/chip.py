@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -20,6 +20,11 @@ _PORTS, _PINS = "ABCDE", range(32)
 
 Region = tuple[int, int]
 """First address and size."""
+
+
+def is_in(regions: Iterable[Region], address: int) -> bool:
+    """Return whether any region contains an address."""
+    return any(base <= address < base + size for base, size in regions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +39,8 @@ class MemoryMap:
         return ",".join(f"{kind}=0x{base:08x}:{size >> 10}K" for kind, regions in kinds for base, size in regions)
 
     def is_in_flash(self, address: int) -> bool:
-        """Return whether flash is at an address."""
-        return any(base <= address < base + size for base, size in self.flash)
+        """Return whether an address is in flash."""
+        return is_in(self.flash, address)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +60,7 @@ class ChipPeripheral:
     size: int
     """Size of its address range [bytes]."""
     gates: tuple[tuple[int, int], ...]
-    """Number of an SCGC register (1 to 7) and bit; any set bit enables the clock, which is always on without bits."""
+    """Number of an SCGC register (1 to 7) and bit; any set bit enables the clock. Without entries it always runs."""
     registers: tuple[ChipRegister, ...]
     interrupts: tuple[int, ...]
     """Interrupt numbers, in the order of the vector table."""
@@ -65,7 +70,7 @@ class ChipPeripheral:
 
 @dataclass(frozen=True, slots=True)
 class ChipPin:
-    """One signal of a pin such as ``PTC5``, and the function of its multiplexer that selects it."""
+    """One signal of a pin such as ``PTC5``, and the multiplexer setting that selects it."""
 
     port: str
     number: int
@@ -126,7 +131,7 @@ class Chip:
         return self._pages
 
     def register_name(self, address: int) -> str | None:
-        """Return the name of the register at an address; peripheral and offset without one, None without peripheral."""
+        """Return the name of the register at an address, otherwise peripheral and offset; None without a peripheral."""
         register = self._registers.get(address)
         if register is not None:
             return register.name
@@ -148,7 +153,7 @@ def table(name: str) -> Iterator[dict[str, str]]:
 
 
 def _copies(row: dict[str, str]) -> list[str]:
-    """Return the names of a row's copies, from their number or their names."""
+    """Return the names of the instances of a row, from their number or their names."""
     copies = row["copies"]
     return [str(index) for index in range(int(copies))] if copies.isdigit() else copies.split() or [""]
 

@@ -1,4 +1,4 @@
-"""Unique id of virtual boards, which identifies them on any serial line."""
+"""Unique ids that identify virtual and replayed boards on a serial line."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The peripherals of the MK64F, one module each, and the `bus` that passes register accesses to them."""
+"""The peripherals of the MK64F, and the `bus` that passes register accesses to them."""

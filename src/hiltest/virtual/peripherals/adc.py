@@ -20,21 +20,21 @@ _ADACT, _ADTRG, _ACFE, _ACFGT, _ACREN, _DMAEN = 0x80, 0x40, 0x20, 0x10, 0x08, 0x
 _CAL, _CALF, _ADCO, _AVGE = 0x80, 0x40, 0x08, 0x04
 _TEMPERATURE, _BANDGAP, _VREFH, _VREFL, _OFF = 26, 27, 29, 30, 31
 _BANDGAP_V = 1.0
-_SENSOR_V, _SENSOR_V_PER_DEGC, _SENSOR_DEGC = 0.716, 0.00162, 25.0  # typical, of the data sheet
+_SENSOR_V, _SENSOR_V_PER_DEGC, _SENSOR_DEGC = 0.716, 0.00162, 25.0  # typical values of the data sheet
 _OWN_HZ = {0: 5_200_000, 1: 6_200_000, 2: 2_400_000, 3: 4_000_000}  # ADACK, typical, by ADLPC and ADHSC
-_OWN_START_S = 5e-6  # start-up of ADACK, if it does not run already
+_OWN_START_S = 5e-6  # start-up time of ADACK, unless it already runs
 # By CFG1.MODE: bits, and clocks of a conversion; for single-ended and for differential inputs.
 _BITS, _PAIR_BITS = (8, 12, 10, 16), (9, 13, 11, 16)
 _CONVERSION, _PAIR_CONVERSION = (17, 20, 20, 25), (27, 30, 30, 34)
 _LONG_SAMPLE = (20, 12, 6, 2)  # further clocks, by CFG2.ADLSTS
-_CALIBRATION_CLOCKS = 14_000  # with 32 averages, as the manual has it
+_CALIBRATION_CLOCKS = 14_000  # with 32 averages, from the manual
 
 
 class Converter(Restorable):
     """One ADC16 module.
 
-    This is an ideal converter: offset, gain and calibration registers store writes and change no result.
-    Inputs a and b of CFG2.MUXSEL are the same. Hardware triggers are not modelled, and are reported.
+    The converter is ideal: offset, gain and calibration registers store writes and change no result. Inputs a and b
+    of CFG2.MUXSEL are the same. Hardware triggers are not modelled, and are reported.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Converter(Restorable):
     Attributes
     ----------
     volts : callable
-        Returns the voltage of a channel [V]; for a differential channel the one between its pins.
+        Returns the voltage of a channel [V]; of a differential channel, the one between its pins.
     temperature_degc : callable
         Returns the temperature of the chip [degC].
     on_request : callable
@@ -85,7 +85,7 @@ class Converter(Restorable):
         return _OWN_HZ[self._registers[_CFG1] >> 6 & 2 | self._registers[_CFG2] >> 2 & 1]
 
     def _ticks(self, clocks: int, bus_clocks: int) -> tuple[Clock, int]:
-        """Return the clock that the conversion follows, and its ticks in so many clocks of the converter."""
+        """Return the clock that times a conversion, and the ticks of that clock for a number of converter clocks."""
         config, sources = self._registers[_CFG1], self._clocks
         divided = clocks << (config >> 5 & 3)
         source = config & 3
@@ -110,7 +110,7 @@ class Converter(Restorable):
     def _averages(self) -> int:
         return 4 << (self._registers[_SC3] & 3) if self._registers[_SC3] & _AVGE else 1
 
-    # -- converting ---------------------------------------------------------------------------
+    # -- conversion ---------------------------------------------------------------------------
 
     def _abort(self) -> None:
         if self._event is not None:
@@ -125,7 +125,7 @@ class Converter(Restorable):
         clocks = self._conversion_clocks(bool(control & _DIFF), is_first=is_first)
         source, ticks = self._ticks(clocks, 5 if is_first else 0)
         before, end = self._end
-        # The next conversion follows without a gap, however late the core notices the end of this one.
+        # The next conversion follows without a gap, even if the event for the end of this one fires late.
         begin = source.now() if is_first or before is not source else end
         self._end = source, begin + ticks
         self._event = source.call_at(begin + ticks, self._finish_conversion)
@@ -178,7 +178,7 @@ class Converter(Restorable):
             self._fail()
             return
         source, ticks = self._ticks(_CALIBRATION_CLOCKS * self._averages // 32, 100)
-        self._event = source.after(ticks, self._finish_calibration)
+        self._event = source.call_after(ticks, self._finish_calibration)
 
     def _finish_calibration(self) -> None:
         self._event = None
@@ -205,7 +205,7 @@ class Converter(Restorable):
 
     def write(self, offset: int, size: int, value: int) -> None:
         if self._registers[_SC3] & _CAL:
-            self._fail()  # a write during calibration makes it fail
+            self._fail()  # a write aborts the calibration
         if offset == _SC1A:
             self._registers[_SC1A] = value & 0x7F
             if self._registers[_SC2] & _ADTRG:
@@ -232,5 +232,5 @@ class Converter(Restorable):
 
 
 def _compare_value(value: int, control: int) -> int:
-    """Return a compare register's value, which has a sign for differential inputs."""
+    """Return the value of a compare register, which is signed for differential inputs."""
     return value - 0x10000 if control & _DIFF and value & 0x8000 else value

@@ -1,4 +1,4 @@
-"""The peripheral bus: the block at each address, and bus errors elsewhere."""
+"""The peripheral bus, which passes accesses to peripherals and raises bus errors."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ NONE_STEADY: Offsets = range(0)
 
 
 class Peripheral(HasState, Protocol):
-    """One block of registers.
+    """One page of registers.
 
     Attributes
     ----------
     name : str
         Name in the reference manual.
     base : int
-        First address; blocks are 4 KiB apart.
+        First address; pages have 4 KiB.
     clocked : bool
-        True if its clock gate is open. An access with a closed gate is a bus
-        fault on the part, and a `BoardFault` here.
+        True if its clock gate is open. An access with a closed gate is a bus fault.
 
     Notes
     -----
-    A block may declare `steady`: offsets of the bytes that change only at events of the queue and at writes to any
-    block, and that a read does not change. The core reads them once and repeats the answers by itself until then. If a
-    read changes something all the same, `read` calls the processor's `read_changed`. A block may also declare
-    `counters`: bytes that change with time, and that a read does not change. A read of any other byte may change any
-    block. A block that is a `CountsReads` is informed of the reads that the core has answered.
+    A peripheral may declare `steady`: offsets of bytes that change only at events of the queue and at writes to any
+    peripheral, and whose reads have no side effects. The core reads them once, and repeats the values until then. If a
+    read does have a side effect, `read` calls the processor's `report_changing_read`. A peripheral may also declare
+    `counters`: bytes that change with time, and whose reads have no side effects. A read of any other byte may change
+    any peripheral. A peripheral that is a `CountsReads` is informed of the reads that the core has answered.
     """
 
     name: str
@@ -68,7 +67,7 @@ def write_by_bytes(peripheral: Peripheral, offset: int, size: int, value: int) -
 
 
 class StoredRegisters(Restorable):
-    """A block whose registers only store writes.
+    """A peripheral whose registers only store writes.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ class StoredRegisters(Restorable):
 
     @property
     def steady(self) -> Offsets:
-        """Offsets of steady bytes: all, or none if a subclass has a `read` of its own and no `steady`."""
+        """Offsets of steady bytes: all, or none in a subclass that overrides `read` but not `steady`."""
         return ALL_STEADY if type(self).read is StoredRegisters.read else NONE_STEADY
 
     def word(self, offset: int) -> int:
@@ -110,29 +109,29 @@ class StoredRegisters(Restorable):
 
 @runtime_checkable
 class CountsReads(Protocol):
-    """A block that counts the reads that the core has answered by itself."""
+    """A peripheral that counts the reads that the core has answered."""
 
     def count_repeats(self, address: int, place: int, reads: int) -> None:
-        """Count `reads` more of an address by the instruction at `place`."""
+        """Count reads of an address by the instruction at `place`."""
         ...
 
 
 @cache
 def _declare_bytes(steady: frozenset[int], counters: frozenset[int], *, counts_reads: bool) -> Any:
-    """Return a page's declaration for each byte; pages with equal declarations share it."""
-    tells = lib.DEVICE_TELLS if counts_reads else 0
-    kinds = dict.fromkeys(counters, lib.DEVICE_KEEPS | tells)
-    kinds |= dict.fromkeys(steady, lib.DEVICE_KEEPS | lib.DEVICE_STEADY | tells)
+    """Return the declaration of each byte of a page; pages with equal declarations share it."""
+    reports = lib.DEVICE_REPORTS if counts_reads else 0
+    kinds = dict.fromkeys(counters, lib.DEVICE_KEEPS | reports)
+    kinds |= dict.fromkeys(steady, lib.DEVICE_KEEPS | lib.DEVICE_STEADY | reports)
     return ffi.new("uint8_t[]", [kinds.get(offset, 0) for offset in range(_PAGE)])
 
 
 class PeripheralBus(Restorable):
-    """Connection of the processor's loads and stores to peripherals.
+    """Bus between the processor and its peripherals.
 
     Parameters
     ----------
     register_name
-        Returns the chip's register at an address, or None; it is None if the memories are another part's.
+        Returns the name of the chip's register at an address, or None. None for a bare part without such names.
     """
 
     def __init__(
@@ -143,7 +142,7 @@ class PeripheralBus(Restorable):
     ) -> None:
         self._register_name = register_name
         self._pages = {peripheral.base >> 12: peripheral for peripheral in peripherals}
-        self._open: dict[int, Peripheral] = {}  # by page: blocks that need no further check
+        self._open: dict[int, Peripheral] = {}  # by page: peripherals that need no further check
         processor.machine.connect(self._checked_read, self._checked_write, processor.abort)
         self._declare(processor)
 
@@ -156,7 +155,7 @@ class PeripheralBus(Restorable):
             if steady or counters:
                 declared = _declare_bytes(steady, counters, counts_reads=isinstance(peripheral, CountsReads))
                 lib.machine_declare_page(machine.handle, page << 12, declared)
-        machine.tell_repeated(self._report_repeated, processor.abort)
+        machine.report_repeated(self._report_repeated, processor.abort)
 
     def _report_repeated(self, address: int, place: int, reads: int) -> None:
         peripheral = self._pages[address >> 12]
@@ -164,14 +163,14 @@ class PeripheralBus(Restorable):
             peripheral.count_repeats(address, place, reads)
 
     def _checked_read(self, address: int, size: int) -> int:
-        """Read for a load, or raise a bus error."""
+        """Read a register for a load; raise `RefusedAccess` for a bus error."""
         peripheral = self._open.get(address >> 12)
         if peripheral is None or address % _PAGE + size > _PAGE:  # an access may straddle two pages
             peripheral = self._open_peripheral(address, size)
         return peripheral.read(address % _PAGE, size)
 
     def _checked_write(self, address: int, size: int, value: int) -> None:
-        """Write for a store, or raise a bus error."""
+        """Write a register for a store; raise `RefusedAccess` for a bus error."""
         peripheral = self._open.get(address >> 12)
         if peripheral is None or address % _PAGE + size > _PAGE:
             peripheral = self._open_peripheral(address, size)
@@ -185,28 +184,28 @@ class PeripheralBus(Restorable):
         return peripheral
 
     def read(self, address: int, size: int) -> int:
-        """Read a register by its address."""
+        """Read a register by its address, without checks."""
         return self._pages[address >> 12].read(address & 0xFFF, size)
 
     def write(self, address: int, size: int, value: int) -> None:
-        """Write a register by its address."""
+        """Write a register by its address, without checks."""
         self._pages[address >> 12].write(address & 0xFFF, size, value)
 
     def reason_against(self, address: int, size: int) -> str | None:
-        """Return the reason why an access is a bus error, if any: each byte needs a peripheral with a clock."""
+        """Return the reason why an access is a bus error, if it is: each byte needs a peripheral with an open gate."""
         for page in {address >> 12, (address + size - 1) >> 12}:
             peripheral = self._pages.get(page)
             if peripheral is None:
                 if self._register_name is None:
-                    return f"0x{address:08x}, where nothing is modelled: the memories are another part's"
+                    return f"0x{address:08x}, where no peripheral is modelled: the memories are another part's"
                 name = self._register_name(address)
                 if name is None or page != address >> 12:
                     return f"0x{address:08x}, where the chip has no peripheral"
-                return f"{name} at 0x{address:08x}, which is not modelled, and not stored in strict mode"
+                return f"{name} at 0x{address:08x}, which is not modelled: in strict mode this is an error"
             if not peripheral.clocked:
                 return f"{peripheral.name} while its clock gate in the SIM is closed"
         return None
 
-    def look_again(self) -> None:
+    def recheck(self) -> None:
         """Check the next access to each page again, because clock gates have changed."""
         self._open.clear()

@@ -1,4 +1,4 @@
-"""Peripherals in the core's library, as Python accesses them."""
+"""Access from Python to peripherals in the core's library."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from hiltest.virtual.core.machine import Machine
 
 
 class CoreDevice(Restorable):
-    """A block of registers in C, which the core accesses without Python.
+    """A peripheral in C, which the core accesses without Python.
 
     Parameters
     ----------
     machine
-        Machine that already has the block.
+        Machine that already has the peripheral.
     name
         Name in the reference manual.
     base

@@ -1,4 +1,4 @@
-"""CRC: a check value of 16 or 32 bits over the written data, with any polynomial."""
+"""CRC: checksums of 16 or 32 bits over the written data, with any polynomial."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MIRRORED = tuple(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def _transpose(data: bytes, how: int) -> bytes:
-    """Transpose data by a field TOT or TOTR: 1 bits in each byte, 2 bits and bytes, 3 bytes."""
+    """Transpose data according to field TOT or TOTR: 1 for bits in each byte, 2 for bits and bytes, 3 for bytes."""
     if how in (1, 2):
         data = bytes(_MIRRORED[byte] for byte in data)
     return data[::-1] if how & 2 else data
@@ -24,8 +24,8 @@ def _transpose(data: bytes, how: int) -> bytes:
 class CheckValue(Restorable):
     """The CRC module.
 
-    An access is as wide as its data: a byte, a halfword or a word, whose highest byte goes first, after
-    the transposition by TOT. A seed (WAS) is stored as written. The check value is available at once.
+    A byte, halfword or word that is written to DATA is transposed by TOT, and enters the checksum with its highest
+    byte first. A seed (WAS) is stored as written. The checksum is available at once.
     """
 
     steady = ALL_STEADY  # only a write changes anything

@@ -1,4 +1,4 @@
-"""eDMA and DMAMUX in the core's library, as Python accesses them."""
+"""Access from Python to the eDMA and the DMAMUX (core/dma.c)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def dma_pages(
     Parameters
     ----------
     timers
-        Gate the requests of triggered channels.
+        Timers that gate the requests of triggered channels.
     """
     connections = module.base, multiplexer.base, timers.base, module.interrupts
     if not lib.machine_add_dma(machine.handle, ffi.new("struct machine_dma *", connections)[0]):

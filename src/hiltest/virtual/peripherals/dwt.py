@@ -1,4 +1,4 @@
-"""DWT: the cycle counter, and the code slices between its readings."""
+"""DWT: the cycle counter, and the slices of code between its readings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.processor.slices import Slice
 
-_READINGS = 400  # capacity, the same as in the core
+_READINGS = 400  # the core stores as many
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class CounterReading:
     """One reading of CYCCNT."""
 
     cycles: int
-    """Value that the firmware got."""
+    """Value that the firmware read."""
     snapshot: Snapshot
     """State before the instruction that read it."""
     answers: Any
@@ -59,7 +59,7 @@ class CycleCounter(CoreDevice):
 
     @property
     def present(self) -> bool:
-        """Return whether the part has the counter; set it to False for a part without (NOCYCCNT)."""
+        """Return whether the part has the counter; set it to False for a part without one (NOCYCCNT)."""
         return self._present
 
     @present.setter
@@ -71,7 +71,8 @@ class CycleCounter(CoreDevice):
     def readings(self) -> deque[CounterReading | None]:
         """The latest readings by the firmware, oldest first; `forget` clears them.
 
-        The entry None stands for the readings of a loop that polls the counter: nothing is successive across it.
+        An entry None replaces the readings of a loop that polls the counter. Readings on its two sides are not
+        successive.
         """
         reading = ffi.new("struct machine_reading *")
         while lib.machine_take_reading(self._handle, reading):
@@ -84,12 +85,12 @@ class CycleCounter(CoreDevice):
         return super().state()
 
     def restore(self, state: Any) -> None:
-        """Go back to a state; readings that came later are dropped."""
+        """Return to a state; later readings are dropped."""
         self.readings.clear()
         super().restore(state)
 
     def forget(self) -> None:
-        """Clear the readings at the start of a request, whose results come from new readings only."""
+        """Clear the readings before a request, so that its results come from new readings only."""
         self.readings.clear()
 
     def instructions_between(self, cycles: int) -> int | None:
@@ -99,15 +100,15 @@ class CycleCounter(CoreDevice):
         the two readings. The result is None if no two readings since `forget` differ by that many cycles.
         """
         readings = list(self.readings)
-        for before, behind in zip(readings[-2::-1], readings[:0:-1], strict=True):
-            if before is not None and behind is not None and behind.cycles_since(before) == cycles:
-                return behind.instructions - before.instructions
+        for before, after in zip(readings[-2::-1], readings[:0:-1], strict=True):
+            if before is not None and after is not None and after.cycles_since(before) == cycles:
+                return after.instructions - before.instructions
         return None
 
     def executed_in(
         self, cycles: int, overhead_cycles: int, call: tuple[int, int] | None = None
     ) -> tuple[list[Slice], list[Slice]] | None:
-        """Return the slices that ran during a timed call, and in the empty call before it; None if they are unknown.
+        """Return the slices of a timed call, and of the empty call before it; None if they are unknown.
 
         Firmware reads the counter before and after an empty call, then before and after the timed call: these are the
         latest four successive readings since `forget` with those distances.
@@ -122,20 +123,17 @@ class CycleCounter(CoreDevice):
         readings = list(self.readings)
         for place in range(len(readings) - 4, -1, -1):
             four = _successive(readings[place : place + 4])
-            if not four:
+            if not _match_step(four, cycles, overhead_cycles):
                 continue
-            if call is not None and not four[2].core_cycles <= call[0] <= call[1] <= four[3].core_cycles:
-                continue
-            spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])
-            if spans == (overhead_cycles, cycles + overhead_cycles):
+            if call is None or four[2].core_cycles <= call[0] <= call[1] <= four[3].core_cycles:
                 return self._slices([four])
         return None
 
     def executed_in_steps(self, cycles: Sequence[int], overhead_cycles: int) -> tuple[list[Slice], list[Slice]] | None:
-        """Return the slices of all steps that were timed last, and of the empty calls before them.
+        """Return the slices of the latest timed steps, and of the empty calls before them.
 
-        Each step has four readings, as in `executed_in`. The result is None if the latest readings do not match.
-        Firmware also times a step that it refuses, after all accepted ones, and does not report it.
+        Each step has four readings, as in `executed_in`. The result is None if the latest readings do not match. After
+        the reported steps, firmware may have timed one more step that it refused.
         """
         readings = list(self.readings)
         for end in (len(readings), len(readings) - 4):
@@ -177,7 +175,7 @@ def _successive(readings: Sequence[CounterReading | None]) -> list[CounterReadin
 
 
 def _match_step(four: Sequence[CounterReading], cycles: int, overhead_cycles: int) -> bool:
-    """Return whether readings are those of a step and of the empty call before it."""
+    """Return whether readings are those of a timed call and of the empty call before it."""
     if not four:
         return False
     spans = four[1].cycles_since(four[0]), four[3].cycles_since(four[2])

@@ -1,4 +1,4 @@
-"""Flash contents, erased by sectors, programmed by phrases, and kept in a file between runs."""
+"""Content of the flash, which is erased by sectors, programmed by phrases, and stored in a file between runs."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class FlashArray(Restorable):
     Parameters
     ----------
     processor
-        Runs code from the flash.
+        Processor whose memory has the flash.
     file
-        Keeps the flash between runs: its 1 MiB, then the records. A missing file is created.
+        File that stores the flash between runs: its 1 MiB, then the records. A missing file is created.
 
     Attributes
     ----------
@@ -45,28 +45,28 @@ class FlashArray(Restorable):
         Raises
         ------
         SnapshotError
-            If a file holds the flash.
+            If a file stores the flash.
         """
         if self._file is not None:
-            raise SnapshotError(f"{self._file} holds the board's flash, and does not go back to what it was")
+            raise SnapshotError(f"{self._file} stores the board's flash and cannot return to an earlier state")
         return super().state()
 
     def read(self, address: int, size: int) -> bytes:
         return self._memory.read(address, size)
 
     def is_erased(self, address: int, size: int) -> bool:
-        """Return whether every bit of a range is one."""
+        """Return whether all bits of a range are one."""
         return self.read(address, size) == ERASED * size
 
     def erase(self, address: int, size: int) -> None:
-        """Set every bit of a range."""
+        """Set all bits of a range to one."""
         self._change(address, ERASED * size)
 
     def program(self, address: int, data: bytes) -> bool:
-        """Clear bits; return whether the flash then holds the data, as it does if it was erased."""
-        held = bytes(old & new for old, new in zip(self.read(address, len(data)), data, strict=True))
-        self._change(address, held)
-        return held == data
+        """Clear the bits that are zero in the data; return whether the flash then has the data."""
+        programmed = bytes(old & new for old, new in zip(self.read(address, len(data)), data, strict=True))
+        self._change(address, programmed)
+        return programmed == data
 
     def program_once(self, record: int, data: bytes) -> None:
         self.once[PHRASE * record : PHRASE * (record + 1)] = data
@@ -76,7 +76,7 @@ class FlashArray(Restorable):
         self._memory.write(address, data)
         self._save(address, data)
 
-    # -- from run to run ----------------------------------------------------------------------
+    # -- the file -----------------------------------------------------------------------------
 
     def power_on(self, segments: Iterable[LoadSegment]) -> None:
         """Restore the flash from the file, except for sectors that a segment of the image occupies."""
@@ -86,10 +86,10 @@ class FlashArray(Restorable):
         if self._file.exists():
             whole = SIZE + len(self.once)
             content = read_bounded(
-                self._file, largest_bytes=whole, otherwise="name a file that a board's flash was kept in"
+                self._file, largest_bytes=whole, otherwise="name a file in which a board's flash was stored"
             )
             if len(content) != whole:
-                raise ConfigError(f"{self._file} has {len(content)} bytes; the flash and its records have {whole}")
+                raise ConfigError(f"{self._file} has {len(content)} bytes, but the flash with its records has {whole}")
         if content:
             self._restore(content, segments)
         try:

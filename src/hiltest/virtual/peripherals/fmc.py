@@ -1,4 +1,4 @@
-"""FMC: the switches of the flash controller's buffers, prefetching and cache."""
+"""FMC: registers that enable the flash controller's line buffer, prefetching and cache."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hiltest.virtual.part.chip import mk64f12
 from hiltest.virtual.peripherals.bus import StoredRegisters
 
 _PFAPR, _PFB0CR, _PFB1CR = 0x0, 0x4, 0x8
-_M0PFD = 1 << 16  # prefetching is never done for the core's code bus
+_M0PFD = 1 << 16  # disables prefetching for the core's code bus
 _SEBE, _IPE, _DPE, _ICE, _DCE = (1 << bit for bit in range(5))
 _S_B_INV, _CINV_WAY, _WAYS = 1 << 19, 20, 4
 # Bits that can be written. CRC and CLCK_WAY have no effect; memory width and wait states are fixed.
@@ -18,14 +18,14 @@ _WRITABLE = {_PFAPR: 0x00FFFFFF, _PFB0CR: 0x0F0000FF, _PFB1CR: 0x0000001F}
 
 
 class FlashController(Protocol):
-    """The machine, whose flash the registers switch."""
+    """The methods of `Machine` that the registers control."""
 
     def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
-        """Set the switches for half 0 or 1 of the flash."""
+        """Set the switches of half 0 or 1 of the flash."""
         ...
 
     def forget_flash_lines(self) -> None:
-        """Drop the line that was read last, and the prefetched one."""
+        """Drop the last line read and the prefetched line."""
         ...
 
     def forget_flash_way(self, way: int) -> None:
@@ -42,7 +42,7 @@ class FlashControl(StoredRegisters):
         super().__init__("FMC", base, mk64f12().reset_bytes(base))
 
     def reset(self) -> None:
-        """Return to the state after reset, with everything enabled."""
+        """Return to the state after reset, in which all functions are enabled."""
         super().reset()
         self._switch()
 

@@ -25,11 +25,11 @@ _IFR_BYTES, _SWAP_IFR, _ONCE_IN_IFR = 0x400, 0x40000, 0x3C0
 _LAST_MARGIN = 2
 _MICROSECOND = PICOSECONDS // 10**6
 _READ_RESOURCE = 0x03
-_LEFT_OUT = {0x0B: "program section", 0x45: "verify backdoor access key", 0x46: "swap control"}
+_UNMODELLED = {0x0B: "program section", 0x45: "verify backdoor access key", 0x46: "swap control"}
 
 
 class _Command(NamedTuple):
-    """Duration of a command [us], its check and its action; both return bits of FSTAT."""
+    """Duration of a command [us], and its check and its action, which return bits of FSTAT."""
 
     duration_us: int
     refuse: Callable[[], int]
@@ -39,10 +39,10 @@ class _Command(NamedTuple):
 class FlashMemory(StoredRegisters):
     """The flash memory module.
 
-    A command takes its typical time by the data sheet, and changes the flash at its end. A command that
-    code in the affected block launches is a read collision; here the code continues, while the part would fetch
-    undefined data. The part is unsecured, as after loading by a debugger. Swap control, program section, the version
-    ID and the backdoor key are not modelled: they set ACCERR, and are reported.
+    A command takes the typical time of the data sheet, and changes the flash at its end. A command that is launched by
+    code in the affected block is a read collision; the code continues here, but the part fetches undefined data. The
+    part is unsecured, as after loading by a debugger. Swap control, program section, the version ID and the backdoor
+    key are not modelled: they set ACCERR, and are reported.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class FlashMemory(StoredRegisters):
         self._bytes[_FSTAT] &= ~_MGSTAT0
         code = self._byte(0)
         if unmodelled := self._unmodelled_command(code):
-            self._log.note_command(f"{self.name}_FCCOB0's {unmodelled}", self.base + _FCCOB + 3, code, "got ACCERR")
+            self._log.note_command(f"{self.name}_FCCOB0's {unmodelled}", self.base + _FCCOB + 3, code, "set ACCERR")
         command = self._commands.get(code)
         errors = _ACCERR if command is None else command.refuse()
         if command is None or errors:
@@ -155,16 +155,16 @@ class FlashMemory(StoredRegisters):
         place = self._processor.registers.pc.get()
         if place < SIZE and (code in (0x40, 0x44) or place & -BLOCK == self._busy_block(code)):
             self._bytes[_FSTAT] |= _RDCOLERR
-        self._running = self._time.after(command.duration_us * _MICROSECOND, lambda: self._finish(command))
+        self._running = self._time.call_after(command.duration_us * _MICROSECOND, lambda: self._finish(command))
 
     def _unmodelled_command(self, code: int) -> str | None:
         """Return the name of a command that is not modelled, or None."""
         if code == _READ_RESOURCE and self._byte(4) == 1:
             return "version ID"
-        return _LEFT_OUT.get(code)
+        return _UNMODELLED.get(code)
 
     def _busy_block(self, code: int) -> int:
-        """Return the block that a command keeps busy; the records are in the first."""
+        """Return the block that a command occupies; the records are in the first block."""
         return 0 if code in (_READ_RESOURCE, 0x41, 0x43) else self._block
 
     def _finish(self, command: _Command) -> None:

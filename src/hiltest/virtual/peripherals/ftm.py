@@ -1,4 +1,4 @@
-"""FTM, as Python accesses it: core/ftm.c has the counter and its channels, and this module their pins."""
+"""FTM: this module connects the channels of the timer (core/ftm.c) to pins."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class FlexTimer(CoreDevice):
         channels = (count * _WORD - _FIRST_CHANNEL) // _CHANNEL_BYTES
         self._clocks = clocks
         self._channels = [
-            PinSignal(partial(self._edge, channel), partial(self._level, channel), self._hear)
+            PinSignal(partial(self._edge, channel), partial(self._level, channel), self._select_reports)
             for channel in range(channels)
         ]
         self.signals = {f"{module.name}_CH{channel}": signal for channel, signal in enumerate(self._channels)}
@@ -75,6 +75,6 @@ class FlexTimer(CoreDevice):
         level = lib.machine_channel_level(self._handle, self.base, channel)
         return None if level < 0 else bool(level)
 
-    def _hear(self) -> None:
-        heard = sum(signal.is_heard << channel for channel, signal in enumerate(self._channels))
-        lib.machine_hear_channels(self._handle, self.base, heard)
+    def _select_reports(self) -> None:
+        reporting = sum(signal.has_listeners << channel for channel, signal in enumerate(self._channels))
+        lib.machine_report_channels(self._handle, self.base, reporting)

@@ -1,4 +1,4 @@
-"""I2C masters in the core's library, which asks the parts on the wires through Python."""
+"""I2C masters in the core's library, whose transfers reach the parts on the bus through Python."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class I2c(CoreDevice):
         bus.on_hold = self._hold
 
     def _hold(self, hold: HeldLine) -> None:
-        """Pull a wire low for a time."""
+        """Pull a line low for a time."""
         wire = lib.I2C_SDA if hold.line == "sda" else lib.I2C_SCL
         lib.machine_hold_wire(self._handle, self.base, wire, _picoseconds(hold.begin_s), _picoseconds(hold.end_s))
 

@@ -1,4 +1,4 @@
-"""An I2C bus with its parts, as the master sees them."""
+"""An I2C bus with its parts, as a master accesses them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class I2cDevice(HasState, Protocol):
         ...
 
     def read(self, time_s: float) -> int:
-        """Return the next byte for the master."""
+        """Return the next byte that the master reads."""
         ...
 
     def stop(self, time_s: float) -> None:
@@ -36,7 +36,7 @@ class I2cDevice(HasState, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HeldLine:
-    """A line that something on the bus pulls low from `begin_s` to `end_s` [virtual s since power-on]."""
+    """A line that is held low from `begin_s` to `end_s` [virtual s since power-on]."""
 
     line: Literal["scl", "sda"]
     begin_s: float
@@ -44,7 +44,7 @@ class HeldLine:
 
 
 class I2cBus(Restorable):
-    """Connection of a master to its parts by address.
+    """Bus that connects a master to parts by their addresses.
 
     Parameters
     ----------
@@ -54,21 +54,21 @@ class I2cBus(Restorable):
     Attributes
     ----------
     on_hold : callable
-        Called with a new line to hold low for a time, which replaces the previous one.
+        Called to hold a line low for a time, instead of the previous hold.
     """
 
     def __init__(self, devices: Sequence[I2cDevice]) -> None:
         self._devices = {device.address: device for device in devices}
         if len(self._devices) != len(devices):
             raise ValueError("two parts on one bus have the same address")
-        self.on_hold: Callable[[HeldLine], None] = lambda _held: None
+        self.on_hold: Callable[[HeldLine], None] = lambda _hold: None
         self._addressed: I2cDevice | None = None
         self._after_stop: dict[int, Callable[[], None]] = {}
 
     def parts(self) -> Iterable[I2cDevice]:
         return self._devices.values()
 
-    def after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
+    def call_after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
         """Call `action` after each STOP that ends an access to a part."""
         self._after_stop[device.address] = action
 
@@ -85,7 +85,7 @@ class I2cBus(Restorable):
         return self._addressed is not None and self._addressed.write(value, time_s)
 
     def read(self, time_s: float) -> int:
-        """Fetch a data byte; an empty bus reads as ones."""
+        """Return a data byte; without an addressed part all bits are ones."""
         return 0xFF if self._addressed is None else self._addressed.read(time_s)
 
     def stop(self, time_s: float) -> None:

@@ -1,4 +1,4 @@
-"""LPTMR, as Python accesses it: core/lptmr.c has the timer, and this module the pins that it counts."""
+"""LPTMR: this module connects the timer (core/lptmr.c) to the pins whose pulses it counts."""
 
 from __future__ import annotations
 

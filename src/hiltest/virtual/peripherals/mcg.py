@@ -1,4 +1,4 @@
-"""MCG: the generator of all clocks but the slow timers'."""
+"""MCG: the generator of all clocks except those of the slow timers."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class ClockGenerator(StoredRegisters):
     """The multipurpose clock generator, which locks as soon as it is set up.
 
     It changes modes along the paths of the manual's diagram. If no path leads to the mode that the
-    registers name, it keeps its mode, which S shows.
+    registers select, it stays in its mode, which S shows.
 
     Attributes
     ----------
@@ -93,10 +93,10 @@ class ClockGenerator(StoredRegisters):
     def write(self, offset: int, size: int, value: int) -> None:
         """Write registers, and change the mode accordingly; S is read-only."""
         super().write(offset, size, value)
-        self._follow()
+        self._change_mode()
         self.on_change()
 
-    def _follow(self) -> None:
+    def _change_mode(self) -> None:
         target = self.target
         through = _SELECTED.get(self._selection)
         if target is not None and (target in _PATHS[self.mode] or through in _PATHS[self.mode]):
@@ -111,7 +111,7 @@ class ClockGenerator(StoredRegisters):
 
     @property
     def target(self) -> ClockMode | None:
-        """Mode that the registers name, or None."""
+        """Mode that the registers select, or None."""
         selected = _SELECTED.get(self._selection)
         if selected is not None and self._bytes[_C2] & 2:
             return _LOW_POWER.get(selected, selected)
@@ -131,7 +131,7 @@ class ClockGenerator(StoredRegisters):
         """Leave a stop: PEE becomes PBE, unless PLLSTEN0 kept the PLL running in a stop mode that allows it."""
         if self.mode is ClockMode.PEE and not (keeps_pll and self._bytes[_C5] & 0x20):
             self._bytes[_C1] = self._bytes[_C1] & 0x3F | 0x80
-            self._follow()
+            self._change_mode()
 
     @property
     def _pll_runs(self) -> bool:
@@ -182,7 +182,7 @@ class ClockGenerator(StoredRegisters):
 
     @property
     def pll_hz(self) -> Fraction:
-        """MCGPLLCLK; 0 while the PLL stands still [Hz]."""
+        """MCGPLLCLK; 0 while the PLL is stopped [Hz]."""
         if not self._pll_runs:
             return Fraction(0)
         divider = (self._bytes[_C5] & 0x1F) + 1

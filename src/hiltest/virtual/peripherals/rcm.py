@@ -1,4 +1,4 @@
-"""RCM: the cause of the latest reset."""
+"""RCM: the source of the latest reset."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from hiltest.virtual.peripherals.bus import StoredRegisters
 
 
 class ResetSource(Enum):
-    """Cause of the last reset: SRS0, and SRS1 above it."""
+    """Source of a reset; the value has SRS0 in its low byte and SRS1 in its high byte."""
 
-    POWER_ON = 0x0082  # with LVD, as the supply rises through it
+    POWER_ON = 0x0082  # includes LVD, because the supply starts below that limit
     WATCHDOG = 0x0020
     PIN = 0x0040
     SOFTWARE = 0x0400
@@ -18,20 +18,20 @@ class ResetSource(Enum):
 
 
 class ResetRequested(Exception):
-    """Request to reset the part: by AIRCR, by the watchdog, or at the end of VLLS."""
+    """Signal that the part is to be reset: by AIRCR, by the watchdog, or at the end of VLLS."""
 
     def __init__(self, source: ResetSource) -> None:
-        by = {ResetSource.WATCHDOG: "the watchdog reset it", ResetSource.WAKE_UP: "a wake-up from VLLS reset it"}
-        super().__init__(by.get(source, "the firmware reset itself"))
+        texts = {ResetSource.WATCHDOG: "the watchdog reset it", ResetSource.WAKE_UP: "a wake-up from VLLS reset it"}
+        super().__init__(texts.get(source, "the firmware reset itself"))
         self.source = source
 
 
 class ResetControl(StoredRegisters):
-    """The RCM, of whose registers only those with the reset source have a function."""
+    """The RCM; only its registers with the reset source have a function."""
 
     def __init__(self) -> None:
         super().__init__("RCM", 0x4007F000, {0: ResetSource.POWER_ON.value})
 
-    def reset_by(self, source: ResetSource) -> None:
+    def set_source(self, source: ResetSource) -> None:
         """Set the source that the firmware reads after the reset."""
         self._bytes[0:2] = source.value.to_bytes(2, "little")

@@ -1,4 +1,4 @@
-"""RNG: random words, the same in every run with the same seed."""
+"""RNG: random words, which are the same in every run with the same seed."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _GO, _HA, _INTM, _CLRI, _SLP = (1 << bit for bit in range(5))
 _SECV, _LRS, _ORU, _ERRI, _STATUS_SLP = (1 << bit for bit in range(5))
 _ONE_WORD = 1 << 16  # OREG_SIZE
 _LEVEL = 8  # OREG_LVL
-_CLOCKS_A_WORD = 256  # of the module clock, from GO or from the read of a word to the next
+_CLOCKS_A_WORD = 256  # of the module clock, from GO or from the read of a word to the next word
 
 
 class RandomNumbers(Restorable):
     """The random number generator (RNGA).
 
-    Words are a hash of the seed, of the values that firmware wrote to ER, and of the number of words since power-on;
-    a reset does not restart them.
+    A word is a hash of the seed, of the values that firmware wrote to ER, and of the number of words since power-on. A
+    reset does not restart the sequence.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class RandomNumbers(Restorable):
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after reset: off, no word ready."""
+        """Return to the state after reset: off, without a word."""
         self._control = 0
         self._flags = 0  # SECV, LRS, ORU, ERRI
         self._ready: int | None = None
@@ -60,7 +60,7 @@ class RandomNumbers(Restorable):
             self._making.cancel()
             self._making = None
         if self._control & _GO and not self._control & _SLP and self._ready is None:
-            self._making = self._clock.after(_CLOCKS_A_WORD, self._make, wakes=False)
+            self._making = self._clock.call_after(_CLOCKS_A_WORD, self._make, wakes=False)
 
     def _make(self) -> None:
         self._making = None
@@ -74,7 +74,7 @@ class RandomNumbers(Restorable):
             status = self._flags | _ONE_WORD | (self._ready is not None) << _LEVEL
             if self._flags & _ORU:
                 self._flags &= ~_ORU
-                self._processor.read_changed()
+                self._processor.report_changing_read()
             return status | (_STATUS_SLP if self._control & _SLP else 0)
         if offset == _OR:
             return self._take()

@@ -1,4 +1,4 @@
-"""RTC: seconds of a 32.768 kHz crystal, with an alarm; and the register files that share its battery."""
+"""RTC: a counter of seconds with an alarm, on a 32.768 kHz crystal; and the register files that share its battery."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _WAR, _RAR = 0x800, 0x804
 _SWR, _UM, _OSCE = 1, 1 << 3, 1 << 8
 _TIF, _TOF, _TAF, _TCE = 1, 2, 4, 0x10
 _TSIE = 0x10
-_LOCKS = {_TCR: 1 << 3, _CR: 1 << 5, _SR: 1 << 4, _LR: 1 << 6}  # in LR: a zero rejects writes until power-on
-_CORRECTABLE = 1 << 15  # ticks of a second, before the correction by TCR
+_LOCKS = {_TCR: 1 << 3, _CR: 1 << 5, _SR: 1 << 4, _LR: 1 << 6}  # bits of LR; a zero rejects writes until power-on
+_SECOND_TICKS = 1 << 15  # without the correction by TCR
 
 
 class RealTimeClock(Restorable):
@@ -51,21 +51,21 @@ class RealTimeClock(Restorable):
         self._drive()
 
     def power_on(self) -> None:
-        """Return to the state after the battery was connected."""
+        """Return to the state after the battery is connected."""
         self._lock = 0xFF
         self._access = {_WAR: 0xFF, _RAR: 0xFF}
         self._control = 0
         self._software_reset()
 
     def _software_reset(self) -> None:
-        """Reset everything but CR.SWR itself and the access registers."""
+        """Reset all registers except CR and the access registers."""
         self._stop()
         self._seconds = self._alarm = self._compensation = 0
         self._status = _TIF
         self._enabled = 7  # IER
         self._lock = 0xFF
         self._rest = 0
-        self._interval = 0  # TCR.CIC: seconds up to the next corrected one
+        self._interval = 0  # TCR.CIC: seconds up to the next corrected second
         self._correction = 0  # TCR.TCV
         self._switch()
 
@@ -82,7 +82,7 @@ class RealTimeClock(Restorable):
         """Return TPR: ticks of the crystal in this second."""
         if self._event is None:
             return self._rest
-        return min(max(self._clocks.rtc.now() - self._began, 0), _CORRECTABLE - 1)
+        return min(max(self._clocks.rtc.now() - self._began, 0), _SECOND_TICKS - 1)
 
     def _stop(self) -> None:
         if self._event is not None:
@@ -115,11 +115,11 @@ class RealTimeClock(Restorable):
         if self._counts():
             self._plan()
         if self._enabled & _TSIE and self._open:
-            self._nvic.set_line(self._second_interrupt, True)  # an edge, which firmware need not clear
+            self._nvic.set_line(self._second_interrupt, True)  # an edge, which firmware need not acknowledge
         self._drive()
 
     def _correct(self) -> None:
-        """Apply the correction to the second that begins: one in so many has another length."""
+        """Set the length of the second that begins; TCR corrects one second of each interval."""
         if self._interval:
             self._interval -= 1
             self._correction = 0
@@ -186,7 +186,7 @@ class RealTimeClock(Restorable):
 
 
 class BatteryRegisters(StoredRegisters):
-    """The register files RFVBAT and RFSYS, memory that only power-on clears."""
+    """A register file, RFVBAT or RFSYS, which only power-on clears."""
 
     def __init__(self, module: ChipPeripheral) -> None:
         super().__init__(module.name, module.base)
@@ -196,4 +196,4 @@ class BatteryRegisters(StoredRegisters):
         super().reset()
 
     def reset(self) -> None:
-        """Keep the content, which later firmware may read."""
+        """Keep the content."""

@@ -1,4 +1,4 @@
-"""The processor's own peripherals NVIC, SCB and SysTick, in the core's library."""
+"""The processor's own peripherals in the core's library: NVIC, SCB and SysTick."""
 
 from __future__ import annotations
 

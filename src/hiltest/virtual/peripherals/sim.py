@@ -1,4 +1,4 @@
-"""SIM: clock gates, dividers and sources of the clocks."""
+"""SIM: clock gates, and the dividers and sources of clocks."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class ClockGates(StoredRegisters):
         return list(self._rates)
 
     def gate(self, peripheral: Peripheral, gates: Iterable[tuple[int, int]]) -> None:
-        """Clock a peripheral while any of these bits of SCGC registers (1..7) is set; always if there are none."""
+        """Connect a peripheral to its clock gates; the clock runs while any of these bits of SCGC1 to SCGC7 is set."""
         bits = [(_SCGC_FIRST + 4 * (register - 1), bit) for register, bit in gates]
         if bits:
             self._gated.append((peripheral, bits))
@@ -119,7 +119,7 @@ class ClockGates(StoredRegisters):
         return float(self.bus.hz)
 
     def time_s(self) -> float:
-        """Return the virtual time since power-on [s], valid inside a peripheral's access too."""
+        """Return the virtual time since power-on [s], also during an access to a peripheral."""
         return self.time.now() / PICOSECONDS
 
     @property
@@ -133,14 +133,20 @@ class ClockGates(StoredRegisters):
         self._derive()
 
     def stop(self, *, external_runs: bool) -> None:
-        """Stop core, bus and all clocks of the generator, as in STOP; OSCERCLK continues if OSC_CR says so."""
+        """Stop core, bus and all clocks of the generator, as in STOP.
+
+        Parameters
+        ----------
+        external_runs
+            True if OSCERCLK continues.
+        """
         self._stopped = {self.core, self.bus, self.flexbus, self.flash, self.pll_fll, self.fixed}
         self._stopped |= set() if self._generator.internal_runs_in_stop else {self.internal}
         self._stopped |= set() if external_runs else {self.oscillator}
         self._derive()
 
-    def go_on(self, *, from_stop: bool) -> None:
-        """Restart all clocks; the PLL has lost its lock, unless it was kept in STOP."""
+    def restart(self, *, from_stop: bool) -> None:
+        """Restart all clocks; the PLL has lost its lock, unless STOP kept it."""
         self._stopped = set()
         self._generator.leave_stop(keeps_pll=from_stop)
         self._derive()

@@ -20,56 +20,14 @@ _EREFSTEN = 0x20  # OSC_CR: OSCERCLK continues in STOP
 _PE1, _ME, _F1, _F2, _F3, _LAST = 0x0, 0x4, 0x5, 0x6, 0x7, 0xA
 _REGSC, _ACKISO = 0x2, 0x08
 # LLWU_P0 to P15.
-_PINS = (
-    "E1",
-    "E2",
-    "E4",
-    "A4",
-    "A13",
-    "B0",
-    "C1",
-    "C3",
-    "C4",
-    "C5",
-    "C6",
-    "C11",
-    "D0",
-    "D2",
-    "D4",
-    "D6",
-)
+_PINS = ("E1", "E2", "E4", "A4", "A13", "B0", "C1", "C3", "C4", "C5", "C6", "C11", "D0", "D2", "D4", "D6")
 _MODULES = {58: 0, 46: 5, 47: 7}  # by interrupt: LPTMR, the RTC's alarm and its seconds
 # Interrupts that need no clock: PMC, LLWU, WDOG, I2C, UART, ADC, CMP, RTC, USB, MCG, LPTMR, ports.
-_ASYNCHRONOUS = {
-    20,
-    21,
-    22,
-    24,
-    25,
-    31,
-    33,
-    35,
-    37,
-    39,
-    40,
-    41,
-    46,
-    47,
-    53,
-    54,
-    57,
-    58,
-    *range(59, 64),
-    66,
-    68,
-    70,
-    73,
-    74,
-}
+_ASYNCHRONOUS = (20, 21, 22, 24, 25, 31, 33, 35, 37, 39, 40, 41, 46, 47, 53, 54, *range(57, 64), 66, 68, 70, 73, 74)
 
 
 class SleepMode(Enum):
-    """Sleep mode that WFI enters; PMSTAT shows the value."""
+    """Sleep mode that WFI enters: its name, and its value in PMSTAT."""
 
     WAIT = "WAIT", 0x01
     VLPW = "VLPW", 0x08
@@ -85,12 +43,12 @@ class SleepMode(Enum):
 
 
 class WakeUpUnit(Restorable):
-    """LLWU, which ends LLS and VLLS; its filters only store writes.
+    """LLWU, which ends LLS and VLLS; the registers of its filters only store writes.
 
     Parameters
     ----------
     ports
-        Ports by letter, with the wake-up pins.
+        Ports of the wake-up pins, by letter.
     """
 
     steady = range(0x1000)
@@ -104,7 +62,7 @@ class WakeUpUnit(Restorable):
         (self._interrupt,) = module.interrupts
         self._initial = bytes(register.reset for register in module.registers)
         self._nvic = processor.nvic
-        processor.waiting.on_events = self._look
+        processor.waiting.on_events = self._check_modules
         for letter, port in ports.items():
             port.on_levels = self._watch(letter)
             port.watch(sum(1 << int(pin[1:]) for pin in _PINS if pin[0] == letter))
@@ -113,13 +71,13 @@ class WakeUpUnit(Restorable):
     def _watch(self, letter: str) -> Callable[[int, int], None]:
         inputs = {number: int(pin[1:]) for number, pin in enumerate(_PINS) if pin[0] == letter}
 
-        def look(rose: int, fell: int) -> None:
+        def check_pins(rose: int, fell: int) -> None:
             for number, pin in inputs.items():
                 edges = (rose >> pin & 1) | (fell >> pin & 1) << 1
                 if edges & self._registers[_PE1 + number // 4] >> 2 * (number % 4):
                     self._raise(_F1 + number // 8, number % 8)
 
-        return look
+        return check_pins
 
     def reset(self) -> None:
         if not self.keeps:
@@ -129,15 +87,15 @@ class WakeUpUnit(Restorable):
 
     @property
     def has_source(self) -> bool:
-        """Return whether any pin or module is enabled."""
+        """Return whether any pin or module is enabled as a source of wake-up."""
         return any(self._registers[_PE1 : _ME + 1])
 
     def sleep(self) -> None:
-        """Watch the sources from now on; a module that already interrupts wakes the part at once."""
+        """React to the sources from now on; a module whose interrupt is already active wakes the part at once."""
         self.asleep = True
-        self._look()
+        self._check_modules()
 
-    def _look(self) -> None:
+    def _check_modules(self) -> None:
         for interrupt, module in _MODULES.items():
             if self._nvic.is_driven(interrupt) and self._registers[_ME] >> module & 1:
                 self._raise(_F3, module)
@@ -158,7 +116,7 @@ class WakeUpUnit(Restorable):
         return self._registers[offset] if offset <= _LAST else 0
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Write a byte register; ones clear flags, but a module's flag is only cleared in the module."""
+        """Write a byte register; ones clear flags of pins, and flags of modules are cleared in the modules."""
         if size > 1:
             write_by_bytes(self, offset, size, value)
         elif offset in (_F1, _F2):
@@ -172,10 +130,10 @@ class WakeUpUnit(Restorable):
 
 
 class PowerManagement(StoredRegisters):
-    """PMC, with a supply that is always good; REGSC shows the isolation of pins after VLLS."""
+    """PMC, with a supply voltage that is never too low; REGSC shows the isolation of pins after VLLS."""
 
     def write(self, offset: int, size: int, value: int) -> None:
-        """Store the value; a one ends the isolation."""
+        """Store the value; a one in REGSC.ACKISO ends the isolation."""
         before = self._bytes[_REGSC]
         super().write(offset, size, value)
         if offset == _REGSC:
@@ -189,7 +147,7 @@ class PowerManagement(StoredRegisters):
 class SystemModes(StoredRegisters):
     """SMC: the run and sleep modes.
 
-    VLPR changes nothing but the mode itself: its limits of the clocks are not checked.
+    VLPR changes only the mode: its limits of the clocks are not checked.
 
     Parameters
     ----------
@@ -259,13 +217,13 @@ class SystemModes(StoredRegisters):
                 self._unit.sleep()
         elif before not in (None, SleepMode.WAIT, SleepMode.VLPW):
             self._processor.waiting.gated = self._unit.asleep = False
-            self._clocks.go_on(from_stop=before is SleepMode.STOP)
+            self._clocks.restart(from_stop=before is SleepMode.STOP)
 
     def _wake(self) -> None:
         if self.asleep_in is SleepMode.VLLS:
             self._wake_up(self._bytes[_VLLSCTRL] & 7)
         self._processor.waiting.gated = False
-        self._processor.look_soon()
+        self._processor.return_soon()
 
     def describe(self) -> str:
         """Return a description of the present sleep mode."""
@@ -273,4 +231,4 @@ class SystemModes(StoredRegisters):
         if mode in (None, SleepMode.WAIT, SleepMode.VLPW):
             return ""
         wakes = self._unit.has_source if mode.gated else any(map(self._processor.nvic.is_enabled, _ASYNCHRONOUS))
-        return f" ({mode.value[0]}{'' if wakes else ', without anything enabled that could wake it'})"
+        return f" ({mode.value[0]}{'' if wakes else ', with no source of wake-up enabled'})"

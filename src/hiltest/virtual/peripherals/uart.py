@@ -1,4 +1,4 @@
-"""UART in the core's library (core/uart.c): a bit-timed serial port with FIFOs and interrupts."""
+"""UART in the core's library (core/uart.c): a serial port with exact bit times, FIFOs and interrupts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Uart(CoreDevice):
     clock
         The module clock.
     depth
-        Bytes that each FIFO holds: 8, or 1 if there is none.
+        Capacity of each FIFO [bytes]: 8, or 1 for a module without FIFOs.
     """
 
     steady = frozenset(ALL_STEADY) - {_D}  # bytes arrive and leave at events; a second read of S1 shows the same flags
@@ -68,10 +68,10 @@ class Uart(CoreDevice):
         """
         payload = bytes(data)
         if not lib.machine_uart_write(self._handle, self.base, payload, len(payload)):
-            raise BenchError(f"{self.name} of the virtual board cannot take {len(payload)} more bytes at once")
+            raise BenchError(f"{self.name} of the virtual board cannot accept {len(payload)} more bytes at once")
 
     def host_expect(self, count: int, byte: int) -> None:
-        """Stop a run for bytes at `count` bytes that the host has not fetched, or at a byte with a value."""
+        """Set the end of a run with `for_bytes`: `count` unfetched bytes, or a byte with the value `byte`."""
         lib.machine_uart_expect(self._handle, self.base, count, byte)
 
     @property
@@ -82,7 +82,7 @@ class Uart(CoreDevice):
 
     @property
     def answer(self) -> tuple[int, int]:
-        """Cycles from the host's latest byte to the board's next one, and those of them in which the thread executed."""
+        """Cycles from the host's latest byte to the board's next one, and those of them that the thread executed."""
         answer = lib.machine_uart_answer(self._handle, self.base)
         return answer.cycles, answer.awake_cycles
 
@@ -98,10 +98,10 @@ class Uart(CoreDevice):
         Raises
         ------
         BenchError
-            If bytes are lost because the host left more than 16 MiB unfetched.
+            If bytes were lost because the host has not fetched 16 MiB before them.
         """
         size = min(size, self.host_waiting)
         data = ffi.new("uint8_t[]", size)
         if lib.machine_uart_read(self._handle, self.base, data, size) < 0:
-            raise BenchError(f"{self.name} of the virtual board has lost bytes: nobody fetched those before them")
+            raise BenchError(f"{self.name} of the virtual board has lost bytes: 16 MiB before them were not fetched")
         return bytes(data)

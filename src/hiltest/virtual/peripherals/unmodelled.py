@@ -1,4 +1,4 @@
-"""Peripherals of the chip that the virtual board does not model: they store writes, and are reported once."""
+"""Peripherals of the chip that the virtual board does not model: they store writes, and are reported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hiltest.virtual.part.chip import Chip, ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
 from hiltest.virtual.processor.cpu import Processor
 
-_POLLED_READS = 1000  # reads of a register by one instruction without a write: more than any driver needs
+_POLLED_READS = 1000  # reads of a register by one instruction between writes: more than any driver needs
 
 
 class UnmodelledWarning(UserWarning):
@@ -21,7 +21,7 @@ class UnmodelledWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class UnmodelledAccess:
-    """The first access to a register that is not modelled."""
+    """The first access to an unmodelled register."""
 
     register: str
     """Name of the register, such as ``FTM0_SC``."""
@@ -36,26 +36,26 @@ class UnmodelledAccess:
     """Time of the access [clock cycles since power-on]."""
     accesses: int = 1
     """Number of accesses to the register so far."""
-    outcome: str = "kept"
+    outcome: str = "was stored"
     """Effect of a write."""
 
     def __str__(self) -> str:
         if self.written is None:
-            access = f"read from {self.place} got what it holds"
+            access = f"read from {self.place} returned the stored value"
         else:
             access = f"write of 0x{self.written:0{2 * self.size}x} from {self.place} {self.outcome}"
         return f"{self.register} at 0x{self.address:08x} is not modelled; {access}"
 
 
 class UnmodelledLog(Restorable):
-    """Accesses to unmodelled registers, one for each register, and the register that firmware waits for.
+    """Log of the first access to each unmodelled register, and detector of waiting for such a register.
 
     Attributes
     ----------
     listens : bool
         True while accesses are recorded; those of a debugger are not.
     on_wait : callable
-        Called with one line, once for each place, when firmware waits for a register.
+        Called with one line when firmware waits for a register, once for each instruction that waits.
     """
 
     def __init__(self, processor: Processor, chip: Chip) -> None:
@@ -76,14 +76,14 @@ class UnmodelledLog(Restorable):
 
     @property
     def polled(self) -> str:
-        """Return words on the register that firmware polls; empty if there is none."""
+        """Return a description of the register that firmware polls; empty if there is none."""
         if self._reads.get(self._last, 0) < _POLLED_READS:
             return ""
         address = self._last[0]
         return f", polling {self._chip.register_name(address)} at 0x{address:08x}, which is not modelled"
 
     def count_repeats(self, address: int, place: int, reads: int) -> None:
-        """Count `reads` more of an address by the instruction at `place`."""
+        """Count reads of an address by the instruction at `place`."""
         self._last = address, place
         self._count[self._chip.register_name(address) or f"0x{address:08x}"] += reads
         self._add_reads(reads)
@@ -98,7 +98,7 @@ class UnmodelledLog(Restorable):
         else:
             self._reads.clear()
         name = self._chip.register_name(address) or f"0x{address:08x}"
-        self._add(name, address, written, size, "kept")
+        self._add(name, address, written, size, "was stored")
 
     def note_command(self, name: str, address: int, code: int, outcome: str) -> None:
         """Record a command that a modelled peripheral does not carry out."""
@@ -113,7 +113,7 @@ class UnmodelledLog(Restorable):
         self._first[name] = UnmodelledAccess(name, address, written, size, place, now, outcome=outcome)
 
     def _add_reads(self, reads: int) -> None:
-        """Count reads by the instruction that read last, and report when it waits."""
+        """Count reads by the last instruction, and report if it waits."""
         address, pc = self._last
         self._reads[self._last] = self._reads.get(self._last, 0) + reads
         if self._reads[self._last] >= _POLLED_READS and self._last not in self._reported:
@@ -123,7 +123,7 @@ class UnmodelledLog(Restorable):
 
 
 class UnmodelledPage(StoredRegisters):
-    """The registers of one page of addresses."""
+    """One page of unmodelled registers."""
 
     steady = ALL_STEADY
 

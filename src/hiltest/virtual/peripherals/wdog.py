@@ -1,4 +1,4 @@
-"""WDOG: resets the part if firmware neither serves nor disables it."""
+"""WDOG: the watchdog, which resets the part if firmware neither refreshes nor disables it."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ _TMROUTH, _TMROUTL, _RSTCNT, _PRESC = 0x10, 0x12, 0x14, 0x16
 _WDOGEN, _CLKSRC, _WINEN, _TESTWDOG = 1, 2, 8, 0x400
 _UNLOCKING, _REFRESHING = [0xC520, 0xD928], [0xA602, 0xB480]
 _LOW_POWER_OSCILLATOR_HZ = 1000
-_WINDOW_BUS_CLOCKS = 256  # WCT: time for the set-up of all registers, after which they take effect
+_WINDOW_BUS_CLOCKS = 256  # WCT: time for the set-up of all registers before they take effect
 
 
 class Watchdog(StoredRegisters):
     """The watchdog timer.
 
-    It is not as strict as the part: its windows for set-up and for the second word of a sequence are always
-    open, a wrong word causes no reset, there is no interrupt before the reset (IRQRSTEN), and a byte test takes
-    as long as the quick test.
+    It is less strict than the part: its windows for set-up and for the second word of a sequence are always open, a
+    wrong word causes no reset, no interrupt precedes the reset (IRQRSTEN), and a byte test takes as long as the quick
+    test.
 
     Parameters
     ----------
     clocks
         Source of the bus clock and of the low-power oscillator of 1 kHz.
-    bite
-        Called at the time-out to reset the part.
+    time_out
+        Called to reset the part.
     """
 
     counters = frozenset(range(_TMROUTH, _RSTCNT))
     steady = frozenset(ALL_STEADY) - counters
 
-    def __init__(self, clocks: ClockGates, *, bite: Callable[[], None]) -> None:
+    def __init__(self, clocks: ClockGates, *, time_out: Callable[[], None]) -> None:
         self._clocks = clocks
-        self._bite = bite
+        self._time_out = time_out
         self._event: Event | None = None
         self._resets = 0
         super().__init__("WDOG", _BASE, mk64f12().reset_bytes(_BASE))
@@ -50,7 +50,7 @@ class Watchdog(StoredRegisters):
         self._resets = 0
 
     def reset(self) -> None:
-        """Return to the state after a chip reset, stopped."""
+        """Return to the state after a chip reset, with a stopped count."""
         super().reset()
         self._unlock: list[int] = []
         self._refresh: list[int] = []
@@ -67,13 +67,13 @@ class Watchdog(StoredRegisters):
     def start(self) -> None:
         """Restart the count from zero."""
         self._since = self._clock.now()
-        # Frequent services do not reschedule the event: `_look` then comes too early, and schedules itself again.
+        # A refresh does not reschedule the event: `_check_due` is then called too early, and schedules the event again.
         if self.enabled and self._event is None:
             self._plan()
 
     def _plan(self) -> None:
-        # The event wakes nothing: endless sleep and a loop to itself are a hang, which is reported at once.
-        self._event = self._clock.call_at(self._due, self._look, wakes=False)
+        # The event does not count as wake-up: endless sleep and a branch to itself are reported as a hang at once.
+        self._event = self._clock.call_at(self._due, self._check_due, wakes=False)
 
     def read(self, offset: int, size: int) -> int:
         """Return registers; TMROUT is the present count, RSTCNT the number of resets by the watchdog."""
@@ -89,23 +89,23 @@ class Watchdog(StoredRegisters):
         elif offset == _REFRESH:
             self._refresh = [*self._refresh[-1:], value]
             if self._refresh == _REFRESHING:
-                self._serve()
+                self._restart()
         elif offset == _RSTCNT:
             self._resets &= ~value
         elif offset != _STCTRLH or self._unlock == _UNLOCKING:
             super().write(offset, size, value)
             self._set_up()
 
-    def _serve(self) -> None:
-        """Restart the count; before an enabled window opens, that is a reset."""
+    def _restart(self) -> None:
+        """Restart the count; a refresh before an enabled window opens resets the part."""
         opens_at = self._half(_WINH) << 16 | self._half(_WINL)
         if self.enabled and self._bytes[_STCTRLH] & _WINEN and self._count < opens_at:
-            self._end()
+            self._expire()
         self.start()
 
-    def _end(self) -> None:
+    def _expire(self) -> None:
         self._resets += 1
-        self._bite()
+        self._time_out()
 
     def _set_up(self) -> None:
         """Count from the end of the set-up window, with the present settings."""
@@ -132,7 +132,7 @@ class Watchdog(StoredRegisters):
 
     @property
     def _count(self) -> int:
-        """Divided ticks since the last service."""
+        """Divided ticks since the last refresh."""
         return max(self._clock.now() - self._since, 0) // self._divider
 
     @property
@@ -140,9 +140,9 @@ class Watchdog(StoredRegisters):
         """Time-out, in ticks of the selected clock."""
         return self._since + (self._half(_TOVALH) << 16 | self._half(_TOVALL)) * self._divider
 
-    def _look(self) -> None:
+    def _check_due(self) -> None:
         self._event = None
         if self._due > self._clock.now():
             self._plan()
         else:
-            self._end()
+            self._expire()

@@ -1,1 +1,1 @@
-"""The processor in Python: runs until an event, faults, time, calls and stacks."""
+"""Control of the processor from Python: runs up to an event, faults, time, calls and stacks."""

@@ -1,4 +1,4 @@
-"""Calls of a watched function, and their statistics."""
+"""Completed calls of watched functions, and their statistics."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ class Call(NamedTuple):
 
     entered: int
     returned: int
-    """Cycles since power-on at the function's first instruction, and after its return."""
+    """Cycles since power-on at the function's first instruction and after its return."""
     interrupted: int = 0
     """Number of exceptions during the call."""
     interrupts: int = 0
     """Cycles of those exceptions."""
     elsewhere: int = 0
-    """Cycles of other tasks, and of the switches between tasks."""
+    """Cycles of other tasks and of task switches."""
     outermost: bool = True
-    """True unless an outer call of the same function was running, whose cycles contain those of this call."""
+    """False if an outer call of the same function, whose cycles include this call, was open."""
     ended_in: int = 0
-    """Address of the instruction that returned, which is in another function after a tail call."""
+    """Address of the return instruction, which is in another function after a tail call."""
     word: int = 0
     """Value of the watched word in memory at the return, or 0."""
     stack: int | None = None
-    """Largest use of its stack [bytes], including functions that it called but not exceptions; None if it has used two
-    stacks."""
+    """Largest stack use [bytes], including callees but not exceptions; None if the call used two stacks."""
 
     @property
     def elapsed(self) -> int:
-        """Cycles from the first instruction to the return, including other code."""
+        """Cycles from the first instruction to the return, including exceptions and other tasks."""
         return self.returned - self.entered
 
     @property
@@ -51,12 +50,12 @@ class CallSummary:
     least: int | None
     median: int | None
     most: int | None
-    """Cycles of a call, without exceptions and other tasks; None without a call, and if `refusal` gives a reason. The
-    median is the cycles of an actual call, the lower of the middle two."""
+    """Cycles of a call, without exceptions and other tasks; None if there are no calls, or if `refusal` has a reason.
+    The median of an even number of calls is the lower of the middle two."""
     share: float | None
-    """Share of all cycles, including sleep; of nested calls of the same function only the outer one counts."""
+    """Share of all cycles, including sleep; nested calls of the same function count only once."""
     interrupted: int = 0
-    """Calls during which an exception came."""
+    """Calls during which an exception was taken."""
     interrupts: int = 0
     elsewhere: int = 0
     """Cycles of exceptions and of other tasks within calls."""
@@ -65,8 +64,7 @@ class CallSummary:
     open: int = 0
     """Calls that have not returned yet."""
     ended_in: tuple[str, ...] = ()
-    """Other functions that returned for this one: it ends in tail calls, and its cycles contain those of the jump
-    targets."""
+    """Other functions that returned for this one because it ends in tail calls; its cycles include theirs."""
     refusal: str = ""
     """Reason why its cycles are unknown; empty if they are known."""
 
@@ -87,13 +85,13 @@ def summarise_calls(
     Parameters
     ----------
     passed
-        Cycles during which they were made.
+        Cycles during which the calls were made.
     abandoned, open_calls
         Calls that never returned, and calls that have not returned yet.
     came_back
-        Calls that returned after their stack had been given up.
+        Calls that returned after they had been counted as abandoned.
     lost
-        Calls that were not recorded for lack of room.
+        Calls that were not recorded because a table was full.
     ended_in
         Other functions that returned for this one.
     """
@@ -101,12 +99,12 @@ def summarise_calls(
     if came_back:
         refusal = (
             f"{function}: {came_back} calls returned on a stack that had been left without an exception (coroutines?), "
-            "so whose cycles are whose cannot be told; watch functions that do not switch stacks"
+            "so cycles cannot be attributed to calls; watch functions that do not switch stacks"
         )
     elif lost:
         refusal = (
-            f"{function}: {lost} calls were not followed: too many were under way (256 in a task, 32 tasks), came from "
-            "too many places (8192) or had not been read (4 million); watch fewer"
+            f"{function}: {lost} calls were not recorded: too many were open (256 in a task, 32 tasks), came from too "
+            "many places (8192) or had not been read (4 million); watch fewer functions"
         )
     cycles = sorted(call.cycles for call in calls) if not refusal else []
     within = sum(call.cycles for call in calls if call.outermost)
@@ -128,7 +126,7 @@ def summarise_calls(
 
 
 class Solution(NamedTuple):
-    """Slices that together compute a solution."""
+    """Cost of a solution, which several slices compute."""
 
     cycles: int
     longest: int
@@ -155,14 +153,14 @@ class SolutionSummary:
 def sum_solutions(
     slices: Sequence[Call], ends: Callable[[Call, int], bool], *, before: int, is_whole: bool
 ) -> list[Solution]:
-    """Sum up slices per solution.
+    """Sum up the cycles of slices, by solution.
 
     Parameters
     ----------
     slices
         In the order of their entry; a nested slice counts with the outer one.
     ends
-        Returns whether a slice was the last of a solution, from the slice and the word after the previous slice.
+        Returns whether a slice completed a solution, from the slice and the word after the previous slice.
     before
         Value of the word before the first slice.
     is_whole

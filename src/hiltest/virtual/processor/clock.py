@@ -1,4 +1,4 @@
-"""Clocks of the part, which count their ticks while their rates change."""
+"""Clocks of the part, which count ticks at changing rates."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _DENOMINATOR_BITS, _PRODUCT_BITS = 31, 62  # see machine_set_clock
 class Clock(Restorable):
     """One clock of the part, which counts its ticks since power-on.
 
-    Virtual time is counted in cycles of the core. Every clock has a rate relative to them, which changes
-    when firmware sets up its clocks; ticks of the past remain.
+    Virtual time is counted in cycles of the core. Every clock has a rate relative to the core's, which changes
+    when firmware sets up its clocks; earlier ticks keep their count.
 
     Parameters
     ----------
     schedule
         Event queue in cycles of the core.
     now
-        Returns the cycle, inside a peripheral's access too.
+        Returns the cycle, also during an access to a peripheral.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Clock(Restorable):
         self._number = -1
 
     def number_in(self, machine: Machine) -> int:
-        """Return the number of the clock for peripherals in C, which receive its rate from now on."""
+        """Return the clock's number in the machine, which receives its rate from now on."""
         if self._machine is None:
             self._machine, self._number = machine, machine.add_clock()
             self._update_machine()
@@ -67,15 +67,15 @@ class Clock(Restorable):
         return self._since - (self._passed - tick * self._denominator) // self._numerator
 
     def call_at(self, tick: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
-        """Call `action` at a tick, at whatever rate; `wakes` as in `Schedule.call_at`."""
+        """Call `action` at a tick, even if the rate changes; `wakes` as in `Schedule.call_at`."""
         return self._schedule.call_at(self.cycle_of(tick), action, wakes=wakes, replan=lambda: self.cycle_of(tick))
 
-    def after(self, ticks: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
-        """Call `action` so many ticks from now."""
+    def call_after(self, ticks: int, action: Callable[[], None], *, wakes: bool = True) -> Event:
+        """Call `action` a number of ticks from now."""
         return self.call_at(self.now() + ticks, action, wakes=wakes)
 
     def run_at(self, hz: Fraction, core_hz: Fraction, cycle: int) -> None:
-        """Change the rate from a cycle on; the caller must call the schedule's `replan` afterwards."""
+        """Change the rate at a cycle; the caller must call the schedule's `replan` afterwards."""
         passed = Fraction(self._passed + (cycle - self._since) * self._numerator, self._denominator)
         rate = hz / core_hz
         self.hz = hz
@@ -94,11 +94,13 @@ class Clock(Restorable):
             common = math.gcd(numerator, denominator)
             numerator, denominator = numerator // common, denominator // common
         if not _fits(numerator, denominator):
-            raise ConfigError(f"64 bits cannot count a clock of {self.hz} Hz: {numerator}/{denominator} ticks a cycle")
+            raise ConfigError(
+                f"64 bits cannot count a clock of {self.hz} Hz: {numerator}/{denominator} ticks per cycle"
+            )
         ticks, remainder = divmod(self._passed // common, denominator)
         self._machine.set_clock(self._number, self._since, ticks, remainder, numerator, denominator)
 
 
 def _fits(numerator: int, denominator: int) -> bool:
-    """Return whether the core in C counts exactly in a clock with this rate."""
+    """Return whether the core in C can count a clock with this rate exactly."""
     return denominator < 1 << _DENOMINATOR_BITS and numerator * denominator < 1 << _PRODUCT_BITS

@@ -1,4 +1,4 @@
-"""The emulated Cortex-M4F: runs code until an event outside the core is due, and reports faults.
+"""The emulated Cortex-M4F: runs code up to the next event of the queue, and reports faults.
 
 The library `hiltest.virtual.core` executes instructions, counts their cycles and takes exceptions. It returns to this
 module for events of the queue, sleep, faults and hangs.
@@ -25,7 +25,7 @@ from hiltest.virtual.processor.schedule import Event, Schedule
 from hiltest.virtual.processor.waiting import Waiting
 from hiltest.virtual.program.elf import FirmwareImage
 
-RETURN_ADDRESS = 0x1FFEF000  # return address of a called function, at which the part has no memory
+RETURN_ADDRESS = 0x1FFEF000  # return address of called functions; the part has no memory there
 
 _STOPS = {lib.STOP_BREAKPOINT, lib.STOP_WATCHPOINT, lib.STOP_STEP}  # only a debugger requests these
 
@@ -38,9 +38,9 @@ class Processor:
     Parameters
     ----------
     image
-        Names functions and lines in fault reports.
+        Source of the functions and lines in fault reports.
     profile
-        Prices instructions.
+        Prices of the instructions.
 
     Attributes
     ----------
@@ -53,11 +53,11 @@ class Processor:
     fault_log : FaultLog
         Faults that the firmware's fault handlers received.
     waits_for : callable
-        Returns words on the unmodelled register that firmware polls; empty if there is none.
+        Returns a description of the unmodelled register that firmware polls; empty if there is none.
     at_breakpoint : callable
-        Called at a BKPT with its address; a debugger halts by raising an exception, which `run` passes on.
+        Called at a BKPT with its address; a debugger raises an exception to halt, which `run` passes on.
     at_stop : callable
-        Called with STOP_BREAKPOINT, STOP_WATCHPOINT or STOP_STEP of machine.h; may raise an exception too.
+        Called with STOP_BREAKPOINT, STOP_WATCHPOINT or STOP_STEP of machine.h; may raise an exception, too.
     """
 
     def __init__(self, image: FirmwareImage, profile: TimingProfile, *, memories: MemoryMap = MK64FN1M0) -> None:
@@ -68,7 +68,7 @@ class Processor:
         self.core.return_address = RETURN_ADDRESS
         self.memory = BoardMemory(self.machine, memories)
         self.registers = CoreRegisters(self.machine)
-        self.schedule = Schedule(self._look_at)
+        self.schedule = Schedule(self._return_at)
         self.nvic = Nvic(self.machine)
         self.fault_log = FaultLog()
         self.waits_for: Callable[[], str] = lambda: ""
@@ -119,14 +119,14 @@ class Processor:
         lib.machine_flush_pipeline(self.machine.handle)
 
     def save_floats(self) -> None:
-        """Save the floating-point state of an exception that saves it lazily, as the next FPU instruction would."""
+        """Save the floating-point state of an exception that saves it lazily, as the next FPU instruction does."""
         lib.machine_save_floats(self.machine.handle)
 
     # -- time ---------------------------------------------------------------------------------
 
     @property
     def cycles(self) -> int:
-        """Clock cycles since power-on; inside a peripheral's access those at the beginning of the instruction."""
+        """Clock cycles since power-on; during an access to a peripheral, those at the beginning of the instruction."""
         cycles: int = self.core.cycles
         return cycles
 
@@ -137,7 +137,7 @@ class Processor:
 
     @property
     def instructions(self) -> int:
-        """Instructions executed since power-on, without the current one."""
+        """Instructions executed since power-on, excluding the current one."""
         instructions: int = self.core.instructions
         return instructions
 
@@ -147,28 +147,28 @@ class Processor:
         cycles: int = self.core.idle_cycles
         return cycles
 
-    # -- called from peripherals --------------------------------------------------------------
+    # -- calls from peripherals ---------------------------------------------------------------
 
     def abort(self, error: BaseException) -> None:
         """Stop after the current instruction; `run` raises `error`."""
         if self._error is None:
             self._error = error
-        self.look_soon()
+        self.return_soon()
 
     def _raise_error(self) -> None:
         error, self._error = self._error, None
         if error is not None:
             raise error
 
-    def look_soon(self) -> None:
+    def return_soon(self) -> None:
         """Return from the core after the current instruction, because an event may be due."""
         self.core.deadline = -1
 
-    def read_changed(self) -> None:
+    def report_changing_read(self) -> None:
         """Report that the current read of a register has changed a peripheral."""
         lib.machine_load_changed(self.machine.handle)
 
-    def _look_at(self, cycle: float) -> None:
+    def _return_at(self, cycle: float) -> None:
         if cycle < self.core.deadline:
             self.core.deadline = math.ceil(cycle)
 
@@ -191,7 +191,7 @@ class Processor:
         )
 
     def _hang(self, cause: str, pc: int) -> BoardFault:
-        """Return a hang, or in a fault's handler the fault."""
+        """Return the error for a hang; during a fault's handler it is the fault, with the hang as its end."""
         first = self.fault_log.first_cause
         return self.fault(f"hang: {cause}", pc) if first is None else first.ended(f"hang at {self.place(pc)}: {cause}")
 
@@ -208,12 +208,12 @@ class Processor:
             first = self.fault_log.first_cause
             if first is None:
                 raise described.ended("lockup: no fault handler can run") from None
-            raise first.ended(f"lockup at {self.place(place)}: {cause} where no fault handler can run") from None
+            raise first.ended(f"lockup at {self.place(place)}: {cause} while no fault handler can run") from None
         self.fault_log.record_delivery(described, exception, core.cycles, core.active_count)
-        core.tells_returns = True
+        core.reports_returns = True
 
     def _overflows(self) -> bool:
-        """Return whether an access was on the stack, which has left its memory."""
+        """Return whether the faulting access was to a stack that has left its memory."""
         fault = self.core.fault
         if fault.kind != lib.FAULT_DATA_BUS:
             return False
@@ -233,7 +233,7 @@ class Processor:
         wake
             Called after every event.
         for_bytes
-            True if `wake` needs no call before the bytes arrive that the host of a UART expects.
+            True if `wake` need not be called before the bytes that `Uart.host_expect` describes have arrived.
 
         Returns
         -------
@@ -243,25 +243,25 @@ class Processor:
         Raises
         ------
         BoardFault
-            If the processor meets a fault or hangs.
+            If the processor faults or hangs.
         """
         core, schedule, waiting = self.core, self.schedule, self.waiting
         waiting.has_end = math.isfinite(until.at_cycle)
-        core.leaves_sleep = not waiting.has_end  # the sleep may be endless
+        core.leaves_sleep = not waiting.has_end  # Python must detect endless sleep
         core.stops_at = lib.HOST_NONE if wake is None else lib.HOST_BYTES if for_bytes else lib.HOST_ANY
-        with self._mark_running(), deferred_interrupt(self.look_soon) as pass_interrupt_on:
+        with self._mark_running(), deferred_interrupt(self.return_soon) as pass_interrupt_on:
             while True:
                 now = core.cycles
                 schedule.run_due(now)
-                if waiting.is_told:
+                if waiting.in_python:
                     lib.machine_fire_events(self.machine.handle)
                     self._raise_error()
                     waiting.on_events()
-                    schedule.run_due(now)  # events that these cause at once
+                    schedule.run_due(now)  # events that the first ones have scheduled for now
                 if (wake is not None and wake()) or now >= until.at_cycle:
                     return False
                 pass_interrupt_on()
-                if waiting.is_told:
+                if waiting.in_python:
                     waiting.wake()
                     if waiting.sleeping:
                         self._sleep(until.at_cycle)
@@ -281,7 +281,7 @@ class Processor:
         """Sleep in WFI or WFE: advance to the next event, or to the end of the run."""
         core = self.core
         if self.waiting.is_endless(until_cycle):
-            cause = f"{self.waiting.instruction} with nothing that could wake the processor"
+            cause = f"{self.waiting.instruction} without anything that could wake the processor"
             raise self._hang(cause, core.r[15])
         jump = math.ceil(min(self.waiting.next_cycle, until_cycle)) - core.cycles
         if jump > 0:
@@ -294,23 +294,23 @@ class Processor:
         core.deadline = NEVER if math.isinf(deadline) else math.ceil(deadline)
         reason = lib.machine_run(self.machine.handle)
         if reason == lib.STOP_LOOP and self._error is None:
-            reason = self._pass_loop()
+            reason = self._stay_in_loop()
         self._raise_error()
         if reason == lib.STOP_FAULT:
-            self._attend_fault()
+            self._handle_fault()
         elif reason in _STOPS:
             self.at_stop(reason)
         elif reason == lib.STOP_SLEEP:
             self.sleeping = True
         elif reason == lib.STOP_UNSTACKED:
             self.fault_log.record_return(core.active_count)
-            core.tells_returns = self.fault_log.first_cause is not None
+            core.reports_returns = self.fault_log.first_cause is not None
         return bool(reason == lib.STOP_RETURNED)
 
-    def _pass_loop(self) -> int:
+    def _stay_in_loop(self) -> int:
         """Stay in a branch to itself until the deadline, if an event can end it."""
         if not (self.waiting.rests(self.delivers_faults) or self.waiting.can_leave_loop()):
-            raise self._hang("a loop to itself that no interrupt can end", self.core.r[15])
+            raise self._hang("a branch to itself that no interrupt can end", self.core.r[15])
         self.core.may_loop = True
         try:
             reason: int = lib.machine_run(self.machine.handle)
@@ -318,7 +318,7 @@ class Processor:
             self.core.may_loop = False
         return reason
 
-    def _attend_fault(self) -> None:
+    def _handle_fault(self) -> None:
         fault = self.core.fault
         if fault.kind == lib.FAULT_BREAKPOINT:
             self.at_breakpoint(fault.place)

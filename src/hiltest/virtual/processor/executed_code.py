@@ -1,4 +1,4 @@
-"""Execution counts of instructions, which the core always counts and keeps while they are watched."""
+"""Execution counts of instructions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hiltest.virtual.processor.cpu import Processor
 
 @dataclass(frozen=True, slots=True)
 class ExecutedCode:
-    """Counts by address, which can be added over processors."""
+    """Counts by address; those of several processors can be added."""
 
     executed: Counter[int] = field(default_factory=Counter)
     """Number of executions of each instruction; instructions that an IT block skips are not executed."""
@@ -22,7 +22,7 @@ class ExecutedCode:
 
 
 class ExecutionWatch:
-    """Execution counts of a processor from now on, also over resets and rewritten code.
+    """Counter of a processor's executions from now on, including those after resets and of rewritten code.
 
     Attributes
     ----------

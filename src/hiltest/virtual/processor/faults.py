@@ -1,4 +1,4 @@
-"""Descriptions of processor faults, and the faults that its handlers received."""
+"""Descriptions of processor faults, and the log of faults that the firmware's handlers received."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from hiltest.errors import BoardFault
 from hiltest.state import Restorable
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import Machine
+from hiltest.virtual.part.chip import is_in
 from hiltest.virtual.processor.bit_band import ALIASES
 from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.processor.nvic import exception_name
 from hiltest.virtual.program.instruction_text import instruction_text
 
-_KEPT = 1000  # limits the memory for firmware that faults all the time; the first faults explain the most
+_MOST_RECORDS = 1000  # limits the memory for firmware that faults all the time; the first faults explain the most
 _NO_CODE = (PERIPHERALS, PRIVATE_PERIPHERALS, *ALIASES)
 
 
@@ -41,17 +42,17 @@ def describe_fault(machine: Machine, code: bytes) -> str:
 _SENTENCES = {
     lib.CAUSE_OPCODE: "undefined instruction {value:04x}",
     lib.CAUSE_FPU_DISABLED: "FPU used while CPACR disables it (NOCP)",
-    lib.CAUSE_COPROCESSOR: "instruction for a coprocessor that is not there (NOCP)",
+    lib.CAUSE_COPROCESSOR: "instruction for an absent coprocessor (NOCP)",
     lib.CAUSE_EXCLUSIVE: "unaligned exclusive access",
     lib.CAUSE_DIVISOR: "division by zero: r{number}",
-    lib.CAUSE_SVC: "SVC where the SVCall handler may not run",
+    lib.CAUSE_SVC: "SVC while the SVCall handler cannot run",
     lib.CAUSE_BKPT: "breakpoint (BKPT) without a debugger",
     lib.CAUSE_STACK_FRAME: "no RAM for a stack frame at 0x{address:08x}",
     lib.CAUSE_VECTOR_READ: "no memory at VTOR 0x{address:08x}",
     lib.CAUSE_VECTOR_THUMB: "vector 0x{value:08x} of exception {number} has no Thumb bit",
-    lib.CAUSE_RETURN_THREAD: "EXC_RETURN 0x{value:08x} where no exception is active",
-    lib.CAUSE_RETURN_VALUE: "EXC_RETURN 0x{value:08x} fits no active exception",
-    lib.CAUSE_RETURN_MODE: "stacked xPSR 0x{value:08x} is of another mode",
+    lib.CAUSE_RETURN_THREAD: "EXC_RETURN 0x{value:08x} while no exception is active",
+    lib.CAUSE_RETURN_VALUE: "EXC_RETURN 0x{value:08x} matches no active exception",
+    lib.CAUSE_RETURN_MODE: "stacked xPSR 0x{value:08x} belongs to another mode",
     lib.CAUSE_RETURN_THUMB: "stacked xPSR 0x{value:08x} has no Thumb bit",
 }
 
@@ -74,8 +75,7 @@ def _data_access(machine: Machine, fault: Any) -> str:
 def _jump(fault: Any) -> str:
     if fault.cause == lib.CAUSE_NO_THUMB_BIT and fault.place == fault.address:
         return f"jump to the even address 0x{fault.address:08x}: no Thumb bit"
-    is_data = any(base <= fault.address < base + size for base, size in _NO_CODE)
-    begin = "execution of data at address" if is_data else "jump to unmapped address"
+    begin = "execution of data at address" if is_in(_NO_CODE, fault.address) else "jump to unmapped address"
     without = ", without Thumb bit" if fault.cause == lib.CAUSE_NO_THUMB_BIT else ""
     return f"{begin} 0x{fault.address:08x}{without}"
 
@@ -98,7 +98,7 @@ class FaultLog(Restorable):
     Attributes
     ----------
     records : list of FaultRecord
-        The first thousand, in order.
+        The first thousand faults, in order.
     """
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ class FaultLog(Restorable):
     def record_delivery(self, fault: BoardFault, exception: int, cycle: int, depth: int) -> None:
         """Record a fault whose handler begins; `depth` exceptions are then active."""
         record = FaultRecord(fault, exception_name(exception), cycle)
-        if len(self.records) < _KEPT:
+        if len(self.records) < _MOST_RECORDS:
             self.records.append(record)
         self._open.append((record, depth))
 
@@ -118,10 +118,10 @@ class FaultLog(Restorable):
             self._open.pop()
 
     def forget_open(self) -> None:
-        """Close all open faults after a reset of the processor."""
+        """Forget all unfinished handlers after a reset of the processor."""
         self._open.clear()
 
     @property
     def first_cause(self) -> BoardFault | None:
-        """The fault that caused the present handler to run, if any."""
+        """The fault whose handler is running, the first of nested ones; None if no fault handler runs."""
         return self._open[0][0].fault if self._open else None

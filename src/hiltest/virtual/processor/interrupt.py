@@ -1,4 +1,4 @@
-"""Ctrl-C while the emulator runs."""
+"""Handling of Ctrl-C while the emulator runs."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from types import FrameType
 
 @contextmanager
 def deferred_interrupt(look: Callable[[], None]) -> Iterator[Callable[[], None]]:
-    """Hold Ctrl-C back until the emulator has stopped.
+    """Defer Ctrl-C until the emulator has stopped.
 
-    Python raises KeyboardInterrupt at any point. Within a callback
-    of the emulator it would be printed and dropped, or leave the board in the
-    middle of an instruction.
+    Python raises KeyboardInterrupt at any point. In a callback of the emulator it would be printed and dropped, or it
+    would stop the board in the middle of an instruction.
 
     Parameters
     ----------
     look
-        Called at Ctrl-C: stops the emulator soon.
+        Called at Ctrl-C to stop the emulator soon.
 
     Yields
     ------
     callable
-        If Ctrl-C was pressed, calls the handler that was installed before, which raises KeyboardInterrupt or returns.
-        It is called on leaving as well.
+        If Ctrl-C was pressed, calls the previously installed handler, which raises KeyboardInterrupt or returns. The
+        context also calls it at its end.
     """
     if threading.current_thread() is not threading.main_thread():
         yield lambda: None  # signals reach the main thread only

@@ -1,4 +1,4 @@
-"""The board's memories, which the core and Python share."""
+"""The board's memories, shared by the core and Python."""
 
 from __future__ import annotations
 
@@ -44,12 +44,10 @@ class SharedMemory:
 class BoardMemory:
     """Flash and SRAM.
 
-    Parameters
-    ----------
     Attributes
     ----------
     sram : SharedMemory
-        The largest RAM, for stack and arguments of a called function.
+        The largest RAM, which has stack and arguments of called functions.
     """
 
     def __init__(self, machine: Machine, regions: MemoryMap = MK64FN1M0) -> None:
@@ -72,7 +70,7 @@ class BoardMemory:
         return bytes(memory.view[address - memory.base : address - memory.base + size])
 
     def code_at(self, address: int) -> bytes:
-        """Return the four bytes at an address, two at the end of a memory, none without memory."""
+        """Return the four bytes at an address, two at the end of a memory, none outside of memories."""
         for size in (4, 2):
             with suppress(ValueError):
                 return self.read(address, size)
@@ -101,7 +99,7 @@ class BoardMemory:
         self.write(address, _words(len(values)).pack(*values))
 
     def clear(self) -> None:
-        """Set the content after power-on: flash erased, SRAM zero."""
+        """Erase flash and clear SRAM, as at power-on."""
         for memory in self._flash:
             self.write(memory.base, b"\xff" * memory.size)
         for memory in self._ram:

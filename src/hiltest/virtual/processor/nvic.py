@@ -1,7 +1,7 @@
-"""Exceptions in the core: pending, enabled and active ones, and their priorities.
+"""Exceptions of the core: pending, enabled and active ones, and their priorities.
 
-Numbers are the architecture's exception numbers: 3 is HardFault, 11
-SVCall, 14 PendSV, 15 SysTick, 16 + n external interrupt n.
+Numbers are the architecture's exception numbers: 3 is HardFault, 11 SVCall, 14 PendSV, 15 SysTick and 16 + n external
+interrupt n.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from hiltest.virtual.core.machine import Machine
 NMI, HARD_FAULT, MEM_MANAGE, BUS_FAULT, USAGE_FAULT = 2, 3, 4, 5, 6
 SVCALL, PENDSV, SYSTICK, FIRST_INTERRUPT = 11, 14, 15, 16
 INTERRUPTS = 86  # MK64F12
-IDLE = 256  # a lower priority than any exception's
+IDLE = 256  # priority below that of any exception
 _WORD_BITS = 32
 _SYSTEM_NAMES = {
     NMI: "NMI",
@@ -101,8 +101,8 @@ class Nvic:
         ready = {exception for exception in self.pending if exception < FIRST_INTERRUPT or exception in enabled}
         return any(self.preempts(exception, ceiling) for exception in enabled | ready)
 
-    def together(self) -> list[set[int]]:
-        """Return the exceptions that were taken or are enabled, in sets of one priority: only one per set is active."""
+    def priority_groups(self) -> list[set[int]]:
+        """Return the taken or enabled exceptions in sets of equal priority, of which one at a time can be active."""
         by_priority: dict[int, set[int]] = {}
         for exception in self.taken | set(self._members(self._core.enabled)):
             by_priority.setdefault(self.preemption_priority(exception), set()).add(exception)

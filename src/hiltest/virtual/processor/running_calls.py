@@ -1,8 +1,8 @@
-"""Calls of watched functions while firmware runs, as the core records them.
+"""Recorder of calls of watched functions in running firmware.
 
-The core watches a function at its first instruction and at the return addresses of its calls (calls.c); it changes
-neither the firmware nor any cycle count. A call counts from the function's first instruction to its return, both
-included, as in `VirtualCortexM4.call`.
+The core stops at the first instruction of a watched function and at the return addresses of its calls (calls.c), which
+changes neither the firmware nor any cycle count. A call counts from the function's first instruction to its return,
+inclusive, as in `VirtualCortexM4.call`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class WatchedFunction:
 
     @property
     def abandoned(self) -> int:
-        """Calls that never returned because their stack was given up (longjmp, end of a task or exception, reset)."""
+        """Calls that never returned because their stack was discarded (longjmp, end of a task or exception, reset)."""
         return int(self._counts.abandoned)
 
     @property
@@ -54,7 +54,7 @@ class WatchedFunction:
 
     @property
     def came_back(self) -> int:
-        """Calls that returned although their stack had been given up.
+        """Calls that returned although they had been counted as abandoned.
 
         The firmware then switches stacks without an exception, and cycles cannot be attributed to calls.
         """
@@ -62,26 +62,26 @@ class WatchedFunction:
 
     @property
     def lost(self) -> int:
-        """Calls that were not recorded for lack of room."""
+        """Calls that were not recorded because a table was full."""
         return int(self._counts.lost)
 
     @property
-    def looks_at(self) -> tuple[int, int] | None:
+    def recorded_word(self) -> tuple[int, int] | None:
         """Address and size of the word that `Call.word` records."""
-        size: int = self._counts.look_size
-        return (self._counts.looks_at, size) if size else None
+        size: int = self._counts.word_size
+        return (self._counts.word_address, size) if size else None
 
-    def look_at(self, address: int, size: int) -> None:
+    def record_word(self, address: int, size: int) -> None:
         """Record a word of memory in `Call.word` at each return."""
-        self._counts.looks_at, self._counts.look_size = address, size
+        self._counts.word_address, self._counts.word_size = address, size
 
     def report_entries(self) -> None:
         """Report each entry to the listeners."""
-        self._counts.tells = True
+        self._counts.reports_entries = True
 
 
 class RunningCalls:
-    """Watcher of calls of functions while firmware runs.
+    """Recorder of the calls of watched functions.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class RunningCalls:
 
     Notes
     -----
-    An inlined function is never entered. A recursive function has a call for each level.
+    An inlined function is never entered. Each level of a recursive function is a call.
     """
 
     def __init__(self, machine: Machine, abort: Callable[[BaseException], None]) -> None:
@@ -110,7 +110,7 @@ class RunningCalls:
         """
         number: int = lib.machine_watch(self._handle, address)
         if number < 0:
-            raise ConfigError(f"{len(self._functions)} functions are watched, and no more can be; watch fewer")
+            raise ConfigError(f"no more than {len(self._functions)} functions can be watched; watch fewer")
         if number == len(self._functions):
             counts = lib.machine_watched(self._handle, number)
             self._functions.append(WatchedFunction(address, number, counts))
@@ -120,7 +120,7 @@ class RunningCalls:
         """Call `listener` with the cycle of each entry of a function, before its first instruction."""
         if self._callback is None:
             self._callback = guarded_callback("void(void *, int32_t, int64_t)", self._enter, self._abort)
-            lib.machine_tell_entries(self._handle, self._callback, ffi.NULL)
+            lib.machine_report_entries(self._handle, self._callback, ffi.NULL)
         self._listeners.setdefault(function.number, []).append(listener)
         function.report_entries()
 
@@ -128,8 +128,8 @@ class RunningCalls:
         for listener in self._listeners[number]:
             listener(cycle)
 
-    def settle(self) -> None:
-        """Update the functions from the core's records."""
+    def fetch(self) -> None:
+        """Fetch the completed calls from the core."""
         count = ffi.new("int64_t *")
         calls = lib.machine_calls(self._handle, count)
         if not count[0]:

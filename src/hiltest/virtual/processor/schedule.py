@@ -26,10 +26,10 @@ class Event:
         self.at_cycle = at_cycle
         self.wakes = wakes
         self.replan = replan
-        self.action = action  # None after it was cancelled or has run
+        self.action = action  # None if the event was cancelled or has fired
 
     def cancel(self) -> None:
-        """Prevent the action from running (again)."""
+        """Prevent the action from running."""
         self.action = None
 
     def fire(self) -> None:
@@ -45,7 +45,7 @@ class Schedule(Restorable):
     Parameters
     ----------
     planned
-        Called with the cycle of every new event, which may be due before the core would stop.
+        Called with the cycle of every new event, which may be before the core's deadline.
     """
 
     def __init__(self, planned: Callable[[float], None] | None = None) -> None:
@@ -68,7 +68,7 @@ class Schedule(Restorable):
         cycle
             Cycle of the core.
         wakes
-            True if firmware may wait for the action.
+            True if firmware may wait for the event.
         replan
             Returns the new cycle after clocks have changed their rates.
         """
@@ -89,7 +89,7 @@ class Schedule(Restorable):
             self._planned(self.next_cycle)
 
     def state(self) -> Any:
-        """Return the planned events with everything in them that may change."""
+        """Return the planned events with their changeable attributes."""
         return [(*entry, entry[2].action) for entry in self._heap if entry[2].action is not None]
 
     def restore(self, state: Any) -> None:

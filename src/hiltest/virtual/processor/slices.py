@@ -1,4 +1,4 @@
-"""Slices of an execution, and their cycles by other price tables."""
+"""Slices of an execution, which can be repeated to count their cycles by other price tables."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Slice:
 
 
 class PriceTables:
-    """Counter of slices by several price tables at once, which executes them again on a second machine.
+    """Counter of the cycles of slices by several price tables at once; it repeats the slices on a second machine.
 
     Parameters
     ----------
     machine
-        A machine with the same memories as the original one.
+        Machine that executed the slices; the second one gets the same memories.
     profile
         The first table.
     moves
@@ -50,7 +50,7 @@ class PriceTables:
             lib.machine_set_price(self._handle, 0, row.encode(), cost.value)
         self._count = 1 + len(moves)
         if not lib.machine_set_tables(self._handle, self._count):
-            raise ConfigError(f"a profile with {len(moves)} moves of uncertain rows has too many of them")
+            raise ConfigError(f"the profile has too many uncertain rows: {len(moves)} moves")
         for table, values in enumerate(moves, start=1):
             for row, value in values.items():
                 lib.machine_set_price(self._handle, table, row.encode(), value)

@@ -1,4 +1,4 @@
-"""Largest possible stack use of a function, from the code on every path through it and its callees."""
+"""Bound on the stack use of a function, from the code of every path through the function and its callees."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.program.elf import FirmwareImage
 
-#: 8 words, 18 more of floating-point state, and one for alignment.
+#: 8 words, 18 words of floating-point state, and one word for alignment.
 EXCEPTION_FRAME_BYTES = 27 * 4
-_MOST_DEPTHS = 32  # at one instruction; only a loop that keeps moving the stack pointer has more
+_MOST_DEPTHS = 32  # at one instruction; only a loop that moves the stack pointer in each turn has more
 _FRAME_POINTER = 7  # of GCC and Clang for Thumb
 _STACK_POINTER = 13
-_MOST_BYTES = 1 << 20  # of code without a jump
+_MOST_BYTES = 1 << 20  # largest size of straight-line code
 _CALLS = {lib.FLOW_CALL, lib.FLOW_POINTER_CALL}
 
 
 class NoBound(Exception):
-    """Error for a function without a bound on its stack; the message names the responsible instruction."""
+    """Error for a function without a bound; the message names the instruction that prevents one."""
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """State of execution at a jump target."""
+    """State at a jump target."""
 
     address: int
     depth: int
     """Bytes below the stack pointer at the function's entry."""
     frame: int | None = None
-    """The same for the frame pointer, if it was set from the stack pointer."""
+    """The same for the frame pointer; None if it was not set from the stack pointer."""
 
 
 class StackBounds:
@@ -41,7 +41,7 @@ class StackBounds:
     Notes
     -----
     Every path through the code counts, including paths that no input takes. A jump out of a function is a tail
-    call, and is followed like a jump within it. The bound of a callee is added to the depth at its call.
+    call, which is followed like a jump within the function. The bound of a callee is added to the depth at its call.
     """
 
     def __init__(self, image: FirmwareImage) -> None:
@@ -83,7 +83,7 @@ class StackBounds:
                 continue
             visited[depth] = frame
             if len(visited) > _MOST_DEPTHS:
-                raise self._open(state.address, "moves the stack pointer on and on in a loop")
+                raise self._no_bound(state.address, "moves the stack pointer in each turn of a loop")
             following = state.address
             for instruction in self._code(state.address):
                 following = instruction.address + instruction.size
@@ -108,16 +108,16 @@ class StackBounds:
         try:
             return decode(address, self._image.code_from(address, _MOST_BYTES))
         except ValueError as error:
-            raise NoBound(f"0x{address:08x} is no code of the file") from error
+            raise NoBound(f"0x{address:08x} is not code in the file") from error
 
     def _ends(self, instruction: Any, following: int) -> bool:
-        """Return whether execution does not continue after a jump or a call."""
+        """Return whether a jump or a call is never followed by the next instruction."""
         if instruction.conditional or instruction.in_it_block:
             return False
         return instruction.flow not in _CALLS or self._is_function(following)
 
     def _is_function(self, address: int) -> bool:
-        """Return whether a function begins at an address: a call just before it does not return."""
+        """Return whether a function begins at an address; a call right before it does not return."""
         function = self._image.function_at(address)
         return function is not None and function.address == address
 
@@ -129,8 +129,8 @@ class StackBounds:
         result = base - instruction.number if instruction.is_sum and base is not None else None
         if instruction.result == _STACK_POINTER:
             if result is None:
-                how = "by a register" if instruction.base == _STACK_POINTER else "to another place"
-                raise self._open(instruction.address, f"moves the stack pointer {how}")
+                how = "by a register" if instruction.base == _STACK_POINTER else "to another stack"
+                raise self._no_bound(instruction.address, f"moves the stack pointer {how}")
             depth = result
         if instruction.writes >> _FRAME_POINTER & 1:
             frame = result if instruction.result == _FRAME_POINTER else None
@@ -138,7 +138,7 @@ class StackBounds:
 
     def _callee(self, instruction: Any) -> int:
         if instruction.flow == lib.FLOW_POINTER_CALL:
-            raise self._open(instruction.address, "calls through a pointer")
+            raise self._no_bound(instruction.address, "calls through a pointer")
         return int(instruction.target)
 
     def _targets(self, instruction: Any) -> list[int]:
@@ -150,11 +150,11 @@ class StackBounds:
         if instruction.flow == lib.FLOW_LITERAL:  # a veneer
             return [int.from_bytes(self._image.read(instruction.target, 4), "little") & ~1]
         if instruction.flow == lib.FLOW_POINTER:
-            raise self._open(instruction.address, "jumps through a pointer")
+            raise self._no_bound(instruction.address, "jumps through a pointer")
         return []
 
     def _cases(self, instruction: Any) -> list[int]:
-        """Return the targets of a table branch, whose table follows it and ends at the next code."""
+        """Return the targets of a table branch; the table is between the branch and the next code."""
         begin, targets, size = instruction.address + instruction.size, list[int](), instruction.entry_size
         place = -(-begin // size) * size
         while self._image.is_data_in_code(place):
@@ -162,10 +162,10 @@ class StackBounds:
             targets.append(entry & ~1 if size == 4 else begin + 2 * entry)
             place += size
         if not targets:
-            raise self._open(instruction.address, "jumps by a table that does not lie behind it")
-        return [target for target in targets if not begin <= target < place]  # padding points into the table
+            raise self._no_bound(instruction.address, "jumps through a table that does not follow it")
+        return [target for target in targets if not begin <= target < place]  # entries for padding point into the table
 
-    def _open(self, address: int, action: str) -> NoBound:
+    def _no_bound(self, address: int, action: str) -> NoBound:
         return NoBound(f"{self._name(address)} {action} at 0x{address:08x}")
 
     def _name(self, address: int) -> str:
@@ -181,12 +181,12 @@ def bound_with_exceptions(bounds: StackBounds, entry: int, handlers: Iterable[It
     entry
         Address of the firmware's first instruction.
     handlers
-        Handlers in groups that cannot interrupt each other: the deepest of each group is added.
+        Handlers in groups; those of a group cannot interrupt each other, so only the deepest one counts.
 
     Raises
     ------
     NoBound
     """
     return bounds.bound(entry) + sum(
-        EXCEPTION_FRAME_BYTES + max(bounds.bound(handler) for handler in alike) for alike in handlers
+        EXCEPTION_FRAME_BYTES + max(bounds.bound(handler) for handler in group) for group in handlers
     )

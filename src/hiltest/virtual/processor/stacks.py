@@ -1,4 +1,4 @@
-"""Depths of the firmware's stacks, which the core records from the stack pointer (stacks.c)."""
+"""Depths of the firmware's stacks, as the core records them from the stack pointer (stacks.c)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Stack:
     """A stack that has been used."""
 
     top: int
-    """Stack pointer of the empty stack, the address above it."""
+    """Stack pointer of the empty stack."""
     lowest: int
     """Lowest value of the stack pointer."""
     first_pc: int
-    """Code that first used the stack: for a task the function that it begins with."""
+    """Address of the code that first used the stack; for a task, its first function."""
 
     @property
     def used(self) -> int:
@@ -26,7 +26,7 @@ class Stack:
 
 
 def known_stacks(machine: Machine) -> list[Stack]:
-    """Return the stacks in the order of their first use; firmware starts with the first."""
+    """Return the stacks in the order of their first use; firmware starts on the first one."""
     count = ffi.new("int32_t *")
     entries = lib.machine_stacks(machine.handle, count)
     return [Stack(entry.top, entry.lowest, entry.first_pc) for entry in entries[0 : count[0]]]

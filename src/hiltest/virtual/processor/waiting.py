@@ -1,4 +1,4 @@
-"""Sleep of the processor and loops to itself, and the events that can end them."""
+"""Sleep of the processor, branches to themselves, and the events that can end both."""
 
 from __future__ import annotations
 
@@ -19,21 +19,20 @@ class Waiting(Restorable):
     Attributes
     ----------
     may_rest : bool
-        True if firmware that ends in a loop to itself, in thread mode and without an earlier fault, is at rest;
-        otherwise that is a hang.
+        True if a branch to itself, in thread mode and without an earlier fault, counts as rest; otherwise it is a hang.
     has_end : bool
-        True if this run has a time when it stops.
-    is_told : bool
-        True in a sleep that the core has left to Python; in other sleeps time passes within the core.
+        True if this run ends at a set time.
+    in_python : bool
+        True during sleep that Python handles; during other sleep, time passes within the core.
     on_sleep : callable
-        Called when sleep begins and when it ends.
+        Called when sleep that Python handles begins, and when it ends.
     on_events : callable
-        Called when all due events have fired, in a sleep that the core has left to Python.
+        Called during such sleep, when all due events have fired.
     """
 
     def __init__(self, machine: Machine, nvic: Nvic, schedule: Schedule, fault_log: FaultLog) -> None:
         self.may_rest = True
-        self.has_end = self.is_told = False
+        self.has_end = self.in_python = False
         self.on_sleep: Callable[[bool], None] = lambda _begins: None
         self.on_events: Callable[[], None] = lambda: None
         self._core, self._handle = machine.core, machine.handle
@@ -50,8 +49,8 @@ class Waiting(Restorable):
     @sleeping.setter
     def sleeping(self, sleeps: bool) -> None:
         self._core.sleeping = sleeps
-        if sleeps is not self.is_told:
-            self.is_told = sleeps
+        if sleeps is not self.in_python:
+            self.in_python = sleeps
             self.on_sleep(sleeps)
 
     @property
@@ -62,7 +61,7 @@ class Waiting(Restorable):
 
     @property
     def gated(self) -> bool:
-        """Return whether the processor is in a sleep that no interrupt ends."""
+        """Return whether the processor is in a sleep mode that no interrupt ends."""
         gated: bool = self._core.gated
         return gated
 
@@ -72,20 +71,20 @@ class Waiting(Restorable):
 
     @property
     def instruction(self) -> str:
-        """Instruction that the processor sleeps in."""
+        """Instruction that the processor executed to sleep."""
         return "WFE" if self._core.waits_for_event else "WFI"
 
     @property
     def is_in_thread(self) -> bool:
-        """Return whether no handler is active, and no fault's handler is unfinished."""
+        """Return whether no exception handler is active, and no fault's handler is unfinished."""
         return not self._core.active_count and self._fault_log.first_cause is None
 
     def rests(self, booted: bool) -> bool:
-        """Return whether a loop to itself counts as rest, for firmware that was booted or not."""
+        """Return whether a branch to itself counts as rest."""
         return booted and self.has_end and self.may_rest and self.is_in_thread
 
     def can_leave_loop(self) -> bool:
-        """Return whether any interrupt could end a loop to itself."""
+        """Return whether any interrupt could end a branch to itself."""
         ceiling = self._nvic.ceiling()
         timed = self._is_planned and self._nvic.preempts(SYSTICK, ceiling)
         return timed or self._nvic.can_ever_wake(ceiling)
@@ -107,7 +106,7 @@ class Waiting(Restorable):
             self.sleeping = False
 
     def is_endless(self, until_cycle: float) -> bool:
-        """Return whether nothing could end this sleep before a cycle, which may be infinite."""
+        """Return whether no event can end this sleep before a cycle, which may be infinite."""
         nvic = self._nvic
         if math.isinf(until_cycle) and (not self._is_planned or math.isinf(self.next_cycle)):
             return True

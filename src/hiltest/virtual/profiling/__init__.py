@@ -1,4 +1,4 @@
-"""Profile of one function of an ELF, for people and for machines."""
+"""Profiles of functions of an ELF: as tables, flame graphs and JSON documents."""
 
 from __future__ import annotations
 

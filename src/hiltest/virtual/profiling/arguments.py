@@ -30,24 +30,12 @@ from hiltest.virtual.calls.procedure_call import Argument
 
 _TYPES = {
     name: np.dtype(name).newbyteorder("<")
-    for name in (
-        "int8",
-        "uint8",
-        "int16",
-        "uint16",
-        "int32",
-        "uint32",
-        "int64",
-        "uint64",
-        "float32",
-        "float64",
-    )
+    for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64")
 }
-# A "+" separates members if another one starts after it; otherwise it belongs to a number or a name.
+# A "+" separates members if a member follows it; otherwise it belongs to a number or a name.
 _SEPARATOR = re.compile(rf"\+(?=(?:ptr:)*(?:@|(?:{'|'.join(_TYPES)}|zeros|text):))")
 _RAM_BYTES = 0x40000
-# Largest average length of a number's text, for numbers that fit in the RAM.
-_MOST_TEXT_BYTES = 32 * _RAM_BYTES
+_MOST_TEXT_BYTES = 32 * _RAM_BYTES  # for numbers that fit into the RAM, with 32 characters each
 _FORMS = "an integer, a float, int16:1,2,3, int16:@file.csv, zeros:N, zeros:int16:N, text:..., @file or members with +"
 
 
@@ -61,7 +49,7 @@ def parse_argument(text: str) -> Argument:
     """
     number = _number(text)
     if isinstance(number, int) and not -(1 << 63) <= number < 1 << 64:
-        raise ConfigError(f"{text} does not fit the 64 bits that an integer argument has at most")
+        raise ConfigError(f"{text} does not fit into 64 bits, the largest integer argument")
     if number is not None:
         return number
     members = [_member(part) for part in _SEPARATOR.split(text)]
@@ -91,13 +79,13 @@ def _member(text: str) -> Any:
         return _zeros(text, rest)
     if kind in _TYPES and colon:
         return _array(text, kind, rest)
-    raise ConfigError(f"{text!r} is no argument; write {_FORMS}")
+    raise ConfigError(f"{text!r} is not an argument; write {_FORMS}")
 
 
 def _zeros(text: str, rest: str) -> Any:
     kind, colon, count = rest.rpartition(":")
     if not count.isdecimal() or not 1 <= int(count) <= _RAM_BYTES or (colon and kind not in _TYPES):
-        raise ConfigError(f"{text!r}: write zeros:64 for bytes or zeros:float32:12, and no more than the RAM holds")
+        raise ConfigError(f"{text!r}: write zeros:64 for bytes or zeros:float32:12, within the size of the RAM")
     return np.zeros(int(count), _TYPES[kind]) if colon else bytearray(int(count))
 
 
@@ -110,7 +98,7 @@ def _array(text: str, kind: str, rest: str) -> Any:
             if word:
                 values.append(_typed_number(word, kind, f"{where}{line}" if where else text))
     if not values:
-        raise ConfigError(f"{text!r} has no numbers in it")
+        raise ConfigError(f"{text!r} contains no numbers")
     return np.array(values, _TYPES[kind])
 
 
@@ -124,7 +112,7 @@ def _typed_number(word: str, kind: str, where: str) -> int | float:
         return float(number)
     limits = np.iinfo(kind)
     if not isinstance(number, int) or not limits.min <= number <= limits.max:
-        raise ConfigError(f"{where}: {word} is no {kind} ({limits.min} to {limits.max})")
+        raise ConfigError(f"{where}: {word} is not of type {kind} ({limits.min} to {limits.max})")
     return number
 
 
@@ -136,7 +124,7 @@ def _content(name: str, *, most: int) -> bytes:
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot read {name!r} for an argument: {reason}") from error
     if len(content) > most:
-        raise ConfigError(f"{name!r} is larger than the board's RAM; give a part of it")
+        raise ConfigError(f"{name!r} is larger than the board's RAM; use a part of it")
     if not content:
         raise ConfigError(f"{name!r} is empty")
     return content

@@ -1,4 +1,4 @@
-"""A profile as a document: plain data with a schema, and folded stacks."""
+"""A profile as a JSON document and as folded stacks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SCHEMA: Literal["hiltest.profile/1"] = "hiltest.profile/1"
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A part of the cycles, with its share of the total."""
+    """A class of cycles, and its share of the total."""
 
     kind: Literal["work", "stall", "asleep", "memory"]
     name: str
@@ -34,10 +34,10 @@ class Share:
 
 
 @dataclass(frozen=True, slots=True)
-class BufferLeft:
-    """Contents of a buffer that the function changed; `argument` counts from 1, `type` is numpy's name of it.
+class ChangedBuffer:
+    """Contents of a buffer that the function changed; `argument` counts from 1, and `type` is a name of numpy.
 
-    JSON has no NaN and no infinity: they are null there, as is a `returned` one.
+    In JSON, NaN and infinity are null, also as the value that the function `returned`.
     """
 
     argument: int
@@ -55,7 +55,7 @@ class ProfileDocument:
     function: str
     arguments: tuple[str, ...]
     returned: float | int | None
-    buffers: tuple[BufferLeft, ...]
+    buffers: tuple[ChangedBuffer, ...]
     cycles: int
     instructions: int
     core_clock_hz: int
@@ -88,7 +88,7 @@ def document(
     elf
         ELF file of the function.
     texts, arguments, results
-        The arguments as texts, before the call, and after it.
+        The arguments as texts, as values before the call, and as values after it.
     memory
         Memories of the part.
     """
@@ -116,7 +116,7 @@ def document(
 
 
 def shares(profile: CallProfile) -> Iterator[Share]:
-    """Yield the parts of the cycles: work by class, waiting by cause, and sleep."""
+    """Yield the classes of cycles: work by class, waits by cause, and sleep."""
     for work, cycles in profile.work.items():
         yield Share("work", str(work), cycles, profile.share(cycles))
     for stall, cycles in profile.stalls.items():
@@ -127,7 +127,7 @@ def shares(profile: CallProfile) -> Iterator[Share]:
 
 
 def replace_nan(content: ProfileDocument) -> ProfileDocument:
-    """Return the document with None for NaN and infinity, which JSON has not."""
+    """Return the document with None for NaN and infinity, which JSON cannot represent."""
     buffers = tuple(replace(buffer, values=tuple(map(_finite, buffer.values))) for buffer in content.buffers)
     return replace(content, returned=_finite(content.returned), buffers=buffers)
 
@@ -143,13 +143,13 @@ def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
         yield f"called on {memory}, without peripherals"
     if profile.memory_cycles is not None:
         if profile.memory_cycles:
-            yield "what memories add is in the total, and in no function, line or instruction"
+            yield "waits for memories are in the total, but not in the functions, lines and instructions"
         if profile.clock_hz != CALL_HZ:
-            yield "flash makes the core wait as many clocks as the timing profile says, whatever the core clock"
+            yield "waits for flash have the clocks of the timing profile, regardless of the core clock"
     elif "flash" in placement:
         counted = "; the profile cortex-m4-k64f/2 counts them" if memory == MK64FN1M0 else ""
         yield (
-            "code ran from flash, whose wait states are not modelled: none are assumed, and silicon takes more cycles"
+            "code ran from flash with zero wait states, because they are not modelled: silicon takes more cycles"
             f"{counted}"
         )
     if "sram_u" in placement and profile.memory_cycles is None:
@@ -158,12 +158,12 @@ def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
         yield "no debug information (build with -g): no source lines, and only integers and buffers can be passed"
 
 
-def _changed_buffers(arguments: Sequence[Argument], results: Sequence[Argument]) -> Iterator[BufferLeft]:
+def _changed_buffers(arguments: Sequence[Argument], results: Sequence[Argument]) -> Iterator[ChangedBuffer]:
     for position, (before, after) in enumerate(zip(arguments, results, strict=True), start=1):
         for old, new in zip(_writable(before), _writable(after), strict=True):
             if bytes(memoryview(old)) != bytes(memoryview(new)):
                 array = np.frombuffer(new, np.uint8) if isinstance(new, bytearray) else np.asarray(new)
-                yield BufferLeft(position, str(array.dtype), tuple(array.ravel().tolist()))
+                yield ChangedBuffer(position, str(array.dtype), tuple(array.ravel().tolist()))
 
 
 def _finite(number: float | None) -> float | None:

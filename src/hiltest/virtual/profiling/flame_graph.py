@@ -1,4 +1,4 @@
-"""Flame graph: callers below, called functions above, width in proportion to cycles."""
+"""Flame graph: callers below callees, with widths in proportion to cycles."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ fill="{colour}" stroke="#ffffff"/><text x="{text_x:.2f}" y="{text_y:.1f}">{label
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """One function on one path; `start` and `cycles` place it among the cycles of the whole call."""
+    """One function on one path; `start` and `cycles` are its range within the cycles of the call."""
 
     name: str
     depth: int
@@ -38,7 +38,7 @@ class _Box:
 
 
 def flame_graph(profile: ProfileDocument) -> str:
-    """Return the profile as an SVG file; every box shows its cycles when pointed at."""
+    """Return the profile as an SVG file, whose boxes have tooltips with their cycles."""
     boxes = list(_boxes(profile.stacks, depth=0, start=0))
     deepest = max((box.depth for box in boxes), default=0)
     height = _MARGIN + (deepest + 1) * _ROW + 4
@@ -53,7 +53,7 @@ def flame_graph(profile: ProfileDocument) -> str:
 
 
 def _boxes(stacks: Sequence[StackCost], *, depth: int, start: int) -> Iterator[_Box]:
-    """Yield the functions at a depth, each followed by those that it calls."""
+    """Yield the functions at a depth, each followed by its callees."""
     callees: dict[str, list[StackCost]] = {}
     for stack in stacks:
         if len(stack.functions) > depth:

@@ -1,4 +1,4 @@
-"""Functions of one ELF, called and counted."""
+"""Profiles of the functions of one ELF."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ class ProfiledImage:
         """Addresses of its memories."""
         return self._board.memory
 
-    def tell(self, listener: Callable[[str], None]) -> None:
-        """Set the callback for a register that the function waits for and that is not modelled."""
-        self._board.tell(listener)
+    def report_waits(self, listener: Callable[[str], None]) -> None:
+        """Call `listener` with one line when the function waits for an unmodelled register."""
+        self._board.report_waits(listener)
 
     def call(self, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
         """Call a function with interrupts masked, without booting; each call starts with the ELF's initial data.
@@ -70,8 +70,8 @@ class ProfiledImage:
         Raises
         ------
         ConfigError
-            When there is no such function, or the arguments do not fit it.
+            If there is no such function, or the arguments do not fit it.
         BoardFault
-            When the function faults or hangs.
+            If the function faults or hangs.
         """
         return profile_call(self._board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz)

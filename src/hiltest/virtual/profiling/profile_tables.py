@@ -1,4 +1,4 @@
-"""A profile for people: tables for a terminal."""
+"""Tables of a profile, for a terminal."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.virtual.profiling.document import BufferLeft, ProfileDocument
+from hiltest.virtual.profiling.document import ChangedBuffer, ProfileDocument
 
 _NAMES = {
     "floating_point": "floating point",
@@ -15,15 +15,15 @@ _NAMES = {
     "branch": "branches",
     "integer": "integer",
     "system": "system",
-    "taken_branch": "refill behind taken branches",
+    "taken_branch": "refill after taken branches",
     "fp_result": "floating-point results",
     "division": "division and square root",
-    "load_use": "addresses being loaded",
+    "load_use": "loaded addresses",
     "store_buffer": "store buffer",
-    "address": "addresses being computed",
-    "fetch": "instructions being fetched",
+    "address": "computed addresses",
+    "fetch": "instruction fetches",
     "asleep": "asleep (WFI)",
-    "memory": "waiting for memories",
+    "memory": "waits for memories",
 }
 _VALUES_SHOWN = 16
 _FUNCTIONS_SHOWN = 30
@@ -75,10 +75,10 @@ def _format_value(value: float | int | None) -> str:
     return f" = {value} (0x{value & mask:x})"
 
 
-def _buffer(buffer: BufferLeft) -> str:
+def _buffer(buffer: ChangedBuffer) -> str:
     first = buffer.values[:_VALUES_SHOWN]
     shown = " ".join(f"{value:.9g}" if isinstance(value, float) else str(value) for value in first)
-    more = "" if len(buffer.values) <= _VALUES_SHOWN else f" ... {len(buffer.values)} in all"
+    more = "" if len(buffer.values) <= _VALUES_SHOWN else f" ... {len(buffer.values)} in total"
     return f"argument {buffer.argument} holds {buffer.type}: {shown}{more}"
 
 
@@ -113,9 +113,9 @@ def _functions(profile: ProfileDocument) -> Table:
 
 
 def _loops(profile: ProfileDocument) -> Table:
-    """Return a table of loops that wait for instruction fetches because of their alignment."""
-    table = _table("loop whose instructions lie badly", "turns", "misplaced", "cycles lost", "share")
-    table.add_column("how to place it", overflow="fold")
+    """Return a table of loops that wait for the fetch of misaligned instructions."""
+    table = _table("loop with misaligned instructions", "turns", "misaligned", "cycles lost", "share")
+    table.add_column("remedy", overflow="fold")
     for loop in profile.loops:
         where = f"{loop.function} {loop.address:08x} to {loop.last:08x} {loop.location}".rstrip()
         table.add_row(

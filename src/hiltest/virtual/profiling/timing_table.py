@@ -1,4 +1,4 @@
-"""A timing profile for people and for machines."""
+"""Tables of timing profiles, for a terminal, and their JSON document."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class TimedRow:
 
 @dataclass(frozen=True, slots=True)
 class MemoryRow:
-    """Property of a memory in a timing profile."""
+    """A memory row of a timing profile."""
 
     row: str
     value: int
@@ -56,13 +56,7 @@ class Timing:
 
 
 def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
-    """Print the rows of a profile; uncertain ones are marked.
-
-    Parameters
-    ----------
-    file
-        File of the profile.
-    """
+    """Print the rows of a profile, with uncertain rows in bold type."""
     rows = profile.rows | profile.memory
     uncertain = sum(1 for row in rows.values() if row.band[0] < row.band[1])
     head = f"[bold]{escape(profile.name)}[/bold], digest {profile.digest[:16]}, {escape(str(file))}"
@@ -74,7 +68,7 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
 
 
 def print_measured(console: Console, measured: MeasuredProfile) -> None:
-    """Print the measured rows beside their base's, and measurements that do not fit the model's rules."""
+    """Print the measured rows with those of the base, and the measurements that contradict the model's rules."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("row", no_wrap=True)
     for name in ("measured", measured.base.name, "range"):
@@ -93,9 +87,9 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
 
 
 def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
-    """Print each candidate rule's prediction for its sequence, and the surviving one."""
-    console.print("Rules of fetching and addresses: clocks of half a sequence, and those that each", soft_wrap=True)
-    console.print("candidate predicts; > marks what was measured.", soft_wrap=True)
+    """Print the predictions of the candidates for each rule, and the candidates that match the measurement."""
+    console.print("Rules of fetching and addresses: measured clocks of half a sequence, and the clocks", soft_wrap=True)
+    console.print("that each candidate predicts; > marks the matching candidates.", soft_wrap=True)
     for judgement in judgements:
         question = judgement.question
         console.print(f"\n{question.sequence}: {judgement.clocks} clocks", highlight=False, soft_wrap=True)
@@ -104,24 +98,24 @@ def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
             mark = ">" if candidate in judgement.survivors else " "
             console.print(f"  {mark} {clocks:4} {candidate.says}", highlight=False, soft_wrap=True)
         if judgement.decided is None:
-            reason = "no candidate predicts it" if not judgement.survivors else "this core does not tell them apart"
+            reason = "no candidate matches" if not judgement.survivors else "this core does not distinguish them"
             console.print(f"    {reason}", style="yellow", soft_wrap=True)
     console.print()
 
 
 def print_places(console: Console, raw: Mapping[str, Mapping[str, int]]) -> None:
-    """Print the cost of sequences from flash that differs from that from SRAM.
+    """Print the sequences whose cost in flash differs from that in SRAM.
 
     Parameters
     ----------
     raw
-        Clocks of half of each sequence, by the memory that it ran from.
+        Clocks of half of each sequence, by place.
     """
     differing = [name for name in raw["sram"] if len({clocks[name] for clocks in raw.values()}) > 1]
     if not differing:
-        console.print("Code in flash takes the same clocks, with its cache and prefetch on and off.", soft_wrap=True)
+        console.print("Code in flash takes the same clocks, with and without cache and prefetch.", soft_wrap=True)
         return
-    console.print("Clocks of half a sequence, from flash also with parts of its controller off:", soft_wrap=True)
+    console.print("Clocks of half a sequence in SRAM, and in flash with parts of its controller off:", soft_wrap=True)
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("sequence", no_wrap=True)
     for shown in PLACES.values():
@@ -136,7 +130,7 @@ def _table(value: str, rows: Mapping[str, CostRow], meanings: Mapping[str, str])
     table.add_column("row", no_wrap=True)
     for name in (value, "range"):
         table.add_column(name, justify="right", no_wrap=True)
-    for name in ("what it prices", "source"):
+    for name in ("meaning", "source"):
         table.add_column(name, overflow="fold")
     for name, row in rows.items():
         style = "bold" if row.band[0] < row.band[1] else None

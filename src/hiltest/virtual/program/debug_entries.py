@@ -1,4 +1,4 @@
-"""Entries of debug information: children, names and types, in bounded time for damaged files too."""
+"""Entries of debug information: children, names and types, read in bounded time even from damaged files."""
 
 from __future__ import annotations
 
@@ -6,25 +6,18 @@ from collections.abc import Iterator
 from typing import Any
 
 QUALIFIERS = frozenset(
-    f"DW_TAG_{name}"
-    for name in (
-        "typedef",
-        "const_type",
-        "volatile_type",
-        "restrict_type",
-        "atomic_type",
-    )
+    f"DW_TAG_{name}" for name in ("typedef", "const_type", "volatile_type", "restrict_type", "atomic_type")
 )
 POINTERS = frozenset({"DW_TAG_pointer_type", "DW_TAG_reference_type", "DW_TAG_rvalue_reference_type"})
 STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
-# Attributes by which an entry refers to the entry that it repeats.
-_REPEATED = ("DW_AT_specification", "DW_AT_abstract_origin")
-_ELSEWHERE = "DW_AT_signature"  # of a type in a unit of its own
-_LONGEST_CHAIN = 64  # of typedefs and qualifiers; people write only a few
+# Attributes by which an entry refers to another entry with its name and type.
+_REFERENCES = ("DW_AT_specification", "DW_AT_abstract_origin")
+_SIGNATURE = "DW_AT_signature"  # of a type in a unit of its own
+_LONGEST_CHAIN = 64  # of typedefs and qualifiers; real programs have only a few
 
 
 def children(entry: Any) -> Iterator[Any]:
-    """Yield the children of an entry; the parser's own walk never ends if a sibling precedes its entry.
+    """Yield the children of an entry; the parser's own iteration never ends if a sibling precedes its entry.
 
     Raises
     ------
@@ -58,56 +51,56 @@ def _next_offset(entry: Any) -> int:
 
 
 def _reference_chain(entry: Any) -> Iterator[Any]:
-    """Yield an entry, the entry that it repeats, and so on."""
+    """Yield an entry, the entry that it refers to, and so on."""
     for _ in range(_LONGEST_CHAIN):
         yield entry
-        further = next((attribute for attribute in _REPEATED if attribute in entry.attributes), None)
+        further = next((attribute for attribute in _REFERENCES if attribute in entry.attributes), None)
         if further is None:
             return
         entry = entry.get_DIE_from_attribute(further)
-    raise ValueError("entries that repeat each other")
+    raise ValueError("entries refer to each other in a circle")
 
 
 def origin_of(entry: Any) -> Any:
-    """Return the last entry that an entry refers to, as a definition its declaration; the entry itself without one."""
+    """Return the last entry of an entry's chain of references, such as a definition's declaration, or the entry."""
     *_, last = _reference_chain(entry)
     return last
 
 
 def name_of(entry: Any) -> str:
-    """Return the name of an entry, or of an entry that it repeats; empty without one."""
+    """Return the name of an entry, or of an entry that it refers to; empty without one."""
     names = (link.attributes["DW_AT_name"] for link in _reference_chain(entry) if "DW_AT_name" in link.attributes)
     return next((name.value.decode(errors="replace") for name in names), "")
 
 
 def next_type(entry: Any) -> Any:
-    """Return the type of an entry, or of an entry that it repeats, with qualifiers; None for void."""
+    """Return the type of an entry, or of an entry that it refers to, with qualifiers; None for void."""
     typed = (link for link in _reference_chain(entry) if "DW_AT_type" in link.attributes)
     return next((link.get_DIE_from_attribute("DW_AT_type") for link in typed), None)
 
 
 def strip_qualifiers(entry: Any) -> Any:
-    """Return the type behind typedefs and qualifiers, which decides the layout of a value; None for void."""
+    """Return the type without typedefs and qualifiers, which decides the layout of a value; None for void."""
     for _ in range(_LONGEST_CHAIN):
-        if entry is not None and _ELSEWHERE in entry.attributes:
-            entry = entry.get_DIE_from_attribute(_ELSEWHERE)
+        if entry is not None and _SIGNATURE in entry.attributes:
+            entry = entry.get_DIE_from_attribute(_SIGNATURE)
         elif entry is None or entry.tag not in QUALIFIERS:
             return entry
         else:
             entry = next_type(entry)
-    raise ValueError("typedefs in a circle")
+    raise ValueError("typedefs refer to each other in a circle")
 
 
 def written_type(entry: Any) -> str:
-    """Return a type in C syntax, without the parts that C writes after a name."""
+    """Return a type in C syntax, without the parts that follow a declared name."""
     if entry is None:
         return "void"
     if entry.tag in POINTERS:
         return f"{written_type(next_type(entry))} {'*' if entry.tag == 'DW_TAG_pointer_type' else '&'}"
     if entry.tag in QUALIFIERS and entry.tag != "DW_TAG_typedef":
         inner, word = next_type(entry), entry.tag.removeprefix("DW_TAG_").removesuffix("_type")
-        behind = inner is not None and inner.tag in POINTERS
-        return f"{written_type(inner)} {word}" if behind else f"{word} {written_type(inner)}"
+        is_pointer = inner is not None and inner.tag in POINTERS
+        return f"{written_type(inner)} {word}" if is_pointer else f"{word} {written_type(inner)}"
     if entry.tag == "DW_TAG_array_type":
         return f"{written_type(next_type(entry))}[]"
     kind = {"DW_TAG_structure_type": "struct ", "DW_TAG_union_type": "union ", "DW_TAG_enumeration_type": "enum "}

@@ -1,8 +1,7 @@
 """Firmware images: segments to load, symbols, and source lines.
 
-The ELF is hostile until parsed. Header, segments, symbols and processor, which loading needs,
-are read and checked at once, and a `ConfigError` names the problem. Debug
-information only adds names: if it is damaged there are none.
+The ELF is untrusted input. Header, segments, symbols and processor are needed for loading: they are read and checked
+at once, and a `ConfigError` names the problem. Debug information only adds names; if it is damaged, it is ignored.
 """
 
 from __future__ import annotations
@@ -26,18 +25,18 @@ from hiltest.json_files import read_bounded
 from hiltest.virtual.program.image_formats import convert_to_elf
 from hiltest.virtual.program.signatures import Signature, read_signature, read_subprograms
 
-# Build attributes, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M code;
-# no floating-point instructions, or those of FPv4-SP. The processor does not have newer ones.
+# Build attributes that the processor supports, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M
+# code; no floating-point instructions, or those of FPv4-SP.
 _PROFILE_M = ord("M")
 _CORES = {0, 10, 11, 12, 13}
 _FLOATING_POINT = {0, 6}
-_HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, by which the linker describes the whole file
+_HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker sets for the whole file
 # The chip has 1 MiB of flash; debug information of large C++ firmware is a hundred times that.
 _LARGEST_BYTES = 256 << 20
 _BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note with its header
 _CACHED_IMAGES = 8  # parsed images, each a few megabytes with its debug information
 _MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol (AAELF32, 5.5.5): data or Thumb code begins
-# Folders of the compiler's own libraries in unit names. The code decides which of them are linked in.
+# Folders of the compiler's own libraries, as in the names of compilation units.
 LIBRARIES = frozenset({"libgcc", "libstdc++-v3", "newlib", "picolibc"})
 
 
@@ -65,7 +64,7 @@ class Symbol:
 
 
 def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImage:
-    """Parse an ELF, Intel HEX or raw binary; a process parses the same content under the same name only once.
+    """Parse an ELF, Intel HEX or raw binary; the result is cached by name and content.
 
     Parameters
     ----------
@@ -100,7 +99,7 @@ class FirmwareImage:
     source
         File, or its content.
     name
-        Name of the content in messages.
+        Name for messages.
     vectors
         Address of the vector table.
 
@@ -138,7 +137,7 @@ class FirmwareImage:
             raise
         except Exception as error:  # the parser raises many types for a damaged file, from struct.error to KeyError
             raise ConfigError(
-                f"{self.name}: not a whole ELF file ({str(error) or type(error).__name__}); "
+                f"{self.name}: not a complete ELF file ({str(error) or type(error).__name__}); "
                 "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin, or --base ADDRESS)"
             ) from error
 
@@ -180,11 +179,11 @@ class FirmwareImage:
             if len(read.data) != segment.header.p_filesz or segment.header.p_memsz < segment.header.p_filesz:
                 raise ConfigError(f"{self.name}: the file ends within a segment; copy it again")
         if not any(segment.data for segment in segments):
-            raise ConfigError(f"{self.name}: nothing in it to load")
+            raise ConfigError(f"{self.name}: it has no data to load; link the program, or name another file")
         return segments
 
     def _read_symbols(self) -> list[Symbol]:
-        """Return named functions and objects, global ones last to win by name; collect mapping symbols."""
+        """Return named functions and objects, with global ones last to take precedence; collect mapping symbols."""
         symbols: list[Symbol] = []
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
@@ -203,7 +202,7 @@ class FirmwareImage:
         return symbols
 
     def read(self, address: int, size: int) -> bytes:
-        """Return bytes of the file by their run address; fewer at the end of a segment.
+        """Return bytes of the file by their run address, fewer than `size` at the end of a segment.
 
         Raises
         ------
@@ -214,7 +213,7 @@ class FirmwareImage:
             offset = address - segment.run_address
             if 0 <= offset < len(segment.data):
                 return segment.data[offset : offset + size]
-        raise ValueError(f"{self.name}: nothing at 0x{address:08x}")
+        raise ValueError(f"{self.name}: no data at 0x{address:08x}")
 
     def code_from(self, address: int, size: int) -> bytes:
         """Return code as `read` does, up to data that mapping symbols mark."""
@@ -245,7 +244,7 @@ class FirmwareImage:
 
     @cached_property
     def build_id(self) -> str:
-        """GNU build-id note in hexadecimal; empty without one. It is loaded, so that other formats contain it too."""
+        """GNU build-id note in hexadecimal; empty without one. The note is loaded, so other formats contain it, too."""
         if not self._elf.num_sections():
             matches = (_BUILD_ID.search(segment.data) for segment in self.segments)
             return next((match[2][: match[1][0]].hex() for match in matches if match), "")
@@ -258,10 +257,7 @@ class FirmwareImage:
 
     @cached_property
     def compiler_flags(self) -> str:
-        """Flags that GCC compiled the units with, sorted; empty without debug information.
-
-        They are those of all units except the compiler's own libraries, to show a flag that only one unit has.
-        """
+        """Flags of GCC for all units except the compiler's own libraries, sorted; empty without debug information."""
         try:
             with self._reading:
                 words = self._read_flags() if self._elf.has_dwarf_info() else set()
@@ -292,7 +288,7 @@ class FirmwareImage:
         return tuple(symbol for symbol in self._all_symbols if not symbol.is_function)
 
     def debug_information(self) -> Any:
-        """Return new DWARF information of pyelftools for the caller's own use; None without any.
+        """Return a new reader of the DWARF information (pyelftools); None without any.
 
         Raises
         ------
@@ -326,7 +322,7 @@ class FirmwareImage:
         return [row[0] for row in rows], [(row[1], row[2]) for row in rows]
 
     def _line_rows(self) -> Iterator[tuple[int, int, str]]:
-        """Yield (first address, first address after, "file:line") of every line-table row."""
+        """Yield (first address, end address, "file:line") of every line-table row."""
         dwarf = self._elf.get_dwarf_info()
         for unit in dwarf.iter_CUs():
             program = dwarf.line_program_for_CU(unit)
@@ -359,7 +355,7 @@ class FirmwareImage:
         try:
             with self._reading:
                 return read_subprograms(self._elf.get_dwarf_info()) if self._elf.has_dwarf_info() else {}
-        except Exception:  # damaged debug information: functions are then called as if there were none
+        except Exception:  # damaged debug information is ignored
             return {}
 
     def signature(self, function: str) -> Signature | None:

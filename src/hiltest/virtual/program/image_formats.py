@@ -1,7 +1,7 @@
 """Conversion of Intel HEX and raw binary to an ELF without symbols, so that one parser reads all images.
 
-The library for HEX accepts a file without its end record, or with data after it. This module rejects such a file,
-because half a firmware would run.
+The library for HEX accepts a file without an end record, or with data after it. This module rejects such a file,
+because it is probably incomplete.
 """
 
 from __future__ import annotations
@@ -25,34 +25,32 @@ Chunk = tuple[int, bytes]
 
 
 def convert_to_elf(name: str, content: bytes, base: int | None) -> bytes:
-    """Return an image as an ELF; content in no other known format is returned unchanged.
+    """Return an image as an ELF; an ELF and content of unknown format are returned unchanged.
 
     Parameters
     ----------
     name
         File name: ``.bin`` is a raw binary; ``.hex``, ``.ihex``, ``.ihx`` or a colon as the first byte is Intel HEX.
-        Neither a colon nor ELF's first byte can begin a vector table, whose first word is a multiple of four.
+        Neither a colon nor ELF's first byte can begin a vector table, because its first word is a multiple of four.
     base
-        Address of a raw binary, which also selects that format. None: address 0 for a file with the suffix.
+        Address of a raw binary; an address also selects that format. None: address 0 for a file with the suffix.
 
     Raises
     ------
     ConfigError
-        If it is damaged, or `base` is given for a format that has addresses.
+        If the content is damaged, or `base` is set for a format with addresses.
     """
     suffix = Path(name).suffix.lower()
     is_hex = suffix in _HEX_SUFFIXES or content.startswith(b":")
     if content.startswith(_ELF) or is_hex:
         if base is not None:
             kind = "an ELF" if content.startswith(_ELF) else "Intel HEX"
-            raise ConfigError(
-                f"{name}: {kind} says itself where it belongs; leave out --base, which is for a raw binary"
-            )
+            raise ConfigError(f"{name}: {kind} contains its own addresses; omit --base, which is for a raw binary")
         return _elf(_chunks(name, content)) if not content.startswith(_ELF) else content
     if base is None and suffix != _BINARY_SUFFIX:
         return content
     if not content:
-        raise ConfigError(f"{name}: empty; give the .bin that objcopy wrote")
+        raise ConfigError(f"{name}: the file is empty; name the .bin that objcopy wrote")
     if not 0 <= (base or 0) <= _ADDRESSES - len(content):
         raise ConfigError(f"{name}: {len(content)} bytes at 0x{base:x} are beyond the last address; correct --base")
     return _elf([(base or 0, content)])
@@ -65,7 +63,7 @@ def _chunks(name: str, content: bytes) -> list[Chunk]:
     if not ends:
         raise _refusal(name, lines[-1][0] if lines else 1, "the file ends without an end record: copy it again")
     if lines[ends[0] + 1 :]:
-        raise _refusal(name, lines[ends[0] + 1][0], "a record stands behind the end record")
+        raise _refusal(name, lines[ends[0] + 1][0], "a record follows the end record")
     image = IntelHex()
     try:
         image.loadhex(io.StringIO(b"\n".join(line for _, line in lines).decode("ascii", errors="replace")))
@@ -73,14 +71,14 @@ def _chunks(name: str, content: bytes) -> list[Chunk]:
         raise _refusal(name, lines[error.line - 1][0], re.sub(r" (at|on) line \d+", "", str(error))) from error
     chunks = [(begin, image.tobinstr(begin, end - 1)) for begin, end in image.segments()]
     if not chunks:
-        raise ConfigError(f"{name}: nothing in it to load")
+        raise ConfigError(f"{name}: it has no data to load")
     if chunks[-1][0] + len(chunks[-1][1]) > _ADDRESSES:
-        raise ConfigError(f"{name}: no valid Intel HEX: data go beyond the last address")
+        raise ConfigError(f"{name}: not valid Intel HEX: data extend beyond the last address")
     return chunks
 
 
 def _refusal(name: str, line: int, reason: str) -> ConfigError:
-    return ConfigError(f"{name}, line {line}: no valid Intel HEX: {reason}")
+    return ConfigError(f"{name}, line {line}: not valid Intel HEX: {reason}")
 
 
 def _elf(chunks: list[Chunk]) -> bytes:

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def instruction_text(address: int, code: bytes) -> str:
-    """Return the text of the first instruction of some code, ``.unknown`` if it has none."""
+    """Return the text of the first instruction of some code; ``.unknown`` if it is invalid."""
     _, _, mnemonic, operands = next(_disassembler().disasm_lite(code, address, 1), (0, 0, ".unknown", ""))
     return f"{mnemonic} {operands}".strip()
 

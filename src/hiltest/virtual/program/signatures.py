@@ -1,4 +1,4 @@
-"""Signatures of functions, from DWARF."""
+"""Signatures of functions, read from DWARF."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from hiltest.virtual.program.debug_entries import (
 
 _ASSEMBLER = 0x8001  # DW_LANG_Mips_Assembler, which all assemblers use
 _COMPLEX, _FLOAT = 0x03, 0x04  # DW_ATE_complex_float, DW_ATE_float
-# After these boolean, unsigned, unsigned_char and UTF, signed and signed_char; types below four bytes become a word.
+# By encoding and size. Encodings 0x02, 0x07, 0x08 and 0x10 are boolean, unsigned, unsigned_char and UTF, 0x05 and 0x06
+# signed and signed_char; types below four bytes are passed as a word.
 _BASE_TYPES = {
     (_FLOAT, 4): "float",
     (_FLOAT, 8): "double",
@@ -30,7 +31,7 @@ _BASE_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """A number in memory, for integers with and without sign."""
+    """Type of a number in memory; integers with and without sign are the same."""
 
     is_float: bool
     size: int
@@ -46,15 +47,15 @@ class Pointed:
     text: str
     """The parameter's type in C, ``const int16_t *``."""
     elements: frozenset[Element]
-    """Number types of the target, of all members of a struct; empty if any type is possible."""
+    """Number types of the target, for a struct those of all its members; empty if any type is possible."""
 
 
 @dataclass(frozen=True, slots=True)
 class Signature:
     """Types of a function's parameters and return value.
 
-    "float" and "double", "signed" and "unsigned" (up to 32 bits), "signed64" and "unsigned64", "pointer", "void",
-    or "unsupported".
+    A type is "float", "double", "signed" or "unsigned" (up to 32 bits), "signed64", "unsigned64", "pointer", "void" or
+    "unsupported".
     """
 
     parameters: tuple[str, ...]
@@ -64,12 +65,12 @@ class Signature:
 
 
 def read_subprograms(dwarf: Any) -> dict[str, Any]:
-    """Return the entries of all defined functions, by their linker names."""
+    """Return the DWARF entries of all defined functions, by their linker names."""
     entries: dict[str, Any] = {}
     for unit in dwarf.iter_CUs():
         language = unit.get_top_DIE().attributes.get("DW_AT_language")
         if language is not None and language.value == _ASSEMBLER:
-            continue  # it names functions without their parameters
+            continue  # assemblers describe functions without their parameters
         for die in _functions_of(unit.get_top_DIE()):
             if name := _symbol_name(die):
                 entries.setdefault(name, die)
@@ -77,7 +78,7 @@ def read_subprograms(dwarf: Any) -> dict[str, Any]:
 
 
 def read_signature(die: Any) -> Signature:
-    """Read the types of a function's entry."""
+    """Read the types of a function from its DWARF entry."""
     parameters = [child for child in children(die) if child.tag == "DW_TAG_formal_parameter"]
     kinds = tuple(_classify(_type_of(parameter)) for parameter in parameters)
     targets = tuple(_pointer_target(parameter) for parameter in parameters)
@@ -93,7 +94,7 @@ def _pointer_target(parameter: Any) -> Pointed | None:
 
 
 def _elements(die: Any) -> set[Element] | None:
-    """Return the number types in a type; None if it may hold others."""
+    """Return the number types in a type; None if it may contain other types."""
     size = die.attributes["DW_AT_byte_size"].value if die is not None and "DW_AT_byte_size" in die.attributes else 4
     if die is None:
         return None
@@ -117,7 +118,7 @@ def _elements(die: Any) -> set[Element] | None:
 
 
 def _functions_of(scope: Any) -> Iterator[Any]:
-    """Yield the functions that a unit defines, also in namespaces; definitions of member functions are at its top."""
+    """Yield the functions that a unit defines, including those in namespaces; member functions are at the top level."""
     for die in children(scope):
         if die.tag == "DW_TAG_subprogram" and "DW_AT_declaration" not in die.attributes:
             yield die
@@ -138,7 +139,7 @@ def _symbol_name(die: Any) -> str:
 
 
 def _type_of(die: Any) -> Any:
-    """Return the type behind typedefs and qualifiers, which decides how a value is passed; None for void."""
+    """Return the type without typedefs and qualifiers, which decides how a value is passed; None for void."""
     return strip_qualifiers(die.get_DIE_from_attribute("DW_AT_type")) if "DW_AT_type" in die.attributes else None
 
 

@@ -1,4 +1,4 @@
-"""A measured profile that its owner contributes: its board, its signature, and its agreement with the clocks."""
+"""Check of a contributed profile: its board, its signature, and the agreement of its rows with the measured clocks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class MeasuredOn:
 
     name: str
     revision: str
-    """Revision printed on the board; its owner fills in name and revision."""
+    """Revision as printed on the board; the owner of the board fills in name and revision."""
     unique_id: str
     """Unique id of the chip."""
     core_clock_hz: int
@@ -37,14 +37,14 @@ class MeasuredOn:
     date: str
     """Date of the measurement in ISO 8601."""
     signed_off_by: str
-    """``Name <address>`` of the person who measured it and contributes it under hiltest's licence."""
+    """``Name <address>`` of the person who measured the profile and contributes it under hiltest's licence."""
 
 
 #: Fields that the owner fills in.
 BY_HAND = {
     "name": "the board, as printed on it: FRDM-K64F",
     "revision": "its revision, as printed on it: E4",
-    "signed_off_by": "Name <address>: I measured this on that board, and give it away under the licence of hiltest",
+    "signed_off_by": "Name <address>: I measured this profile on this board, and contribute it under hiltest's licence",
 }
 
 
@@ -55,20 +55,20 @@ class CheckResult:
     name: str
     """Name of the profile."""
     board: MeasuredOn | None
-    """The table; None if it is incomplete."""
+    """Table ``[board]``; None if it is incomplete."""
     objections: tuple[str, ...]
-    """Reasons for rejection; empty if the file is acceptable."""
+    """Reasons for rejection; empty if the file is accepted."""
     remarks: tuple[str, ...]
-    """Deviations of the measurement from the model's rules, which are no objection."""
+    """Deviations of the measurement from the model's rules, which do not prevent acceptance."""
 
 
 def check(file: Path, image: FirmwareImage, sequences: Collection[str]) -> CheckResult:
-    """Check the board and the signature of a measured profile, and that its rows follow from its clocks.
+    """Check the board and the signature of a measured profile, and whether its rows follow from its clocks.
 
     Parameters
     ----------
     image
-        Shipped firmware, which contains the sequences.
+        Shipped firmware with the sequences.
     sequences
         Names of all sequences.
 
@@ -98,7 +98,7 @@ def about(board: MeasuredOn) -> str:
 
 def _board(table: Any) -> tuple[MeasuredOn | None, list[str]]:
     if not isinstance(table, dict) or not table:
-        return None, ["it has no table [board]: measure again, this version writes one"]
+        return None, ["there is no table [board]: measure again, because this version writes it"]
     values, objections = dict[str, Any](), list[str]()
     for field in fields(MeasuredOn):
         value = table.get(field.name, "")
@@ -117,9 +117,9 @@ def _board(table: Any) -> tuple[MeasuredOn | None, list[str]]:
 
 def _board_objections(board: MeasuredOn, name: str, build_id: str) -> Iterator[str]:
     if not _CHIP.fullmatch(board.unique_id) or name != f"silicon-{board.unique_id}":
-        yield f"{name} is not the profile of the chip {board.unique_id}: a virtual board's is none of silicon"
+        yield f"{name} is not the profile of the chip {board.unique_id}; measure a real board, and keep the name"
     if board.build_id != build_id:
-        yield f"measured with firmware build {board.build_id}, and {build_id} ships: flash that, and measure again"
+        yield f"measured with firmware build {board.build_id}, not {build_id}: flash the shipped one and measure again"
     if not _SIGNED.fullmatch(board.signed_off_by):
         yield f"board.signed_off_by: must be Name <address>, not {shown(board.signed_off_by)}"
     try:
@@ -135,19 +135,19 @@ def _clocks(table: Any, sequences: Collection[str]) -> tuple[dict[str, dict[str,
     for place in PLACES:
         clocks = table.get(place)
         if not isinstance(clocks, dict) or set(clocks) != set(sequences):
-            objections.append(f"[measured.{place}] has not the clocks of all {len(sequences)} sequences: measure again")
+            objections.append(f"[measured.{place}] lacks clocks of the {len(sequences)} sequences: measure again")
         elif any(isinstance(clock, bool) or not isinstance(clock, int) or clock < 0 for clock in clocks.values()):
-            objections.append(f"[measured.{place}]: clocks are whole numbers from 0 on")
+            objections.append(f"[measured.{place}]: clocks must be whole numbers, at least 0")
     return table, objections
 
 
 def _differences(content: dict[str, Any], rows: dict[str, Any], again: MeasuredProfile) -> Iterator[str]:
     if content.get("base") != again.base.name:
-        yield f"base is {shown(content.get('base'))}, and of these clocks it is {again.base.name}"
+        yield f"base is {shown(content.get('base'))}, but these clocks require {again.base.name}"
     for row in sorted(rows.keys() | again.rows.keys()):
         if rows.get(row) != again.rows.get(row):
-            now = again.rows[row].value if row in again.rows else "nothing"
-            yield f"cost.{row} is not what its clocks give, which is {now}"
+            now = again.rows[row].value if row in again.rows else "no such row"
+            yield f"cost.{row} does not follow from the clocks, which give {now}"
 
 
 def board_lines(board: MeasuredOn) -> Iterator[str]:
@@ -161,12 +161,12 @@ def board_lines(board: MeasuredOn) -> Iterator[str]:
 def quote(text: str) -> str:
     """Return a text as a basic string of TOML."""
     if not text.isprintable():
-        raise ConfigError(f"the board says {shown(text)} of itself, which is no printable text")
+        raise ConfigError(f"the board reports {shown(text)}, which is not printable text; flash it again")
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def filled_in(content: dict[str, Any]) -> dict[str, str]:
-    """Return name and revision of the board in a measured profile; a signature is not reused for other counts."""
+    """Return name and revision of the board in a measured profile, but not the signature, which is for its counts."""
     board = content.get("board")
     texts = {key: board[key] for key in ("name", "revision") if key in board} if isinstance(board, dict) else {}
     return {key: value for key, value in texts.items() if isinstance(value, str) and value.isprintable()}

@@ -1,9 +1,9 @@
-"""Timing profile from measurements: clocks of sequences of instructions, solved for the rows.
+"""Timing profile from measurements: the clocks of sequences of instructions give the rows.
 
-By the rules of `hiltest.virtual.model.timing`, the first half of every sequence of the firmware costs a sum of rows:
-the cost at the edges of a run is the same in the whole and in the second half. The sequences give every row, one after
-the other. The remaining sequences are compared with the rows: a difference shows that a rule does not hold on the core.
-The rows of fetch and address rules come from the candidates that survive (`hiltest.virtual.silicon.rule_candidates`).
+By the rules of `hiltest.virtual.model.timing`, the first half of every sequence of the firmware costs a sum of rows,
+because the costs at the edges of a run are the same in the complete sequence and in its second half. Each equation
+gives one row. The rows must reproduce the clocks of the remaining sequences: a difference shows that a rule does not
+apply to the core. The matching candidates (`hiltest.virtual.silicon.rule_candidates`) give the rows of the other rules.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from hiltest.virtual.model.timing import CostRow, TimingProfile
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.silicon.rule_candidates import Judgement, judge
 
-#: Profiles without and with the rules of fetching and of addresses; the second has all rows of the first.
+#: Profiles without and with the rules of fetching and of addresses; the second one has all rows of the first one.
 PLAIN, WITH_RULES = "cortex-m4-trm/1", "cortex-m4-trm/2"
 
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """Cost of half a sequence: ``times`` of `row`, other rows, constant clocks, and half of the sequence `less`."""
+    """Cost of half a sequence: `times` the `row`, `others`, constant `clocks`, and half of the sequence `less`."""
 
     sequence: str
     row: str
@@ -65,13 +65,13 @@ EQUATIONS = (
     Equation("fp_loads", "fp_load", 32),
     Equation("fp_stores", "fp_store", 32),
     Equation("fp_pairs", "fp_move_pair", 16),
-    # Clocks from one reading of the counter to the next. Around a NOP they are the same: an SVC costs the difference.
+    # Clocks between two readings of the counter; those of the same readings around a NOP are subtracted.
     Equation("exception_entry", "exception_entry", 8, less="readings"),
     Equation(
         "exception_return", "exception_return", 8, {"branch": 8, "refill_indirect": 8, "system": -8}, less="readings"
     ),
 )
-#: TBB has one sequence and two rows: it gives the second row if rules hold, and the first one otherwise.
+#: TBB has two rows but only one sequence, which gives refill_table if the rules apply, otherwise table_branch.
 _REFILL_OF_TABLES = Equation("table_branch", "refill_table", 8, {"table_branch": 8})
 _TABLES = Equation("table_branch", "table_branch", 8, {"refill_indirect": 8})
 #: Sequences that the rows must reproduce.
@@ -81,7 +81,7 @@ CHECKS = (
     Equation("accumulate_chain", "fp_accumulate", 32),
     Equation("accumulate_and_multiply", "fp_accumulate", 16, {"fp": 16}),
     Equation("square_root", "fp_divide", 4),
-    # Classes that share a row with another one in the same way as in the kernels.
+    # Classes of instructions that share a row, in the combinations of the kernels.
     Equation("data_independent", "data", 32),
     Equation("multiply", "data", 32),
     Equation("multiply_chain", "data", 32),
@@ -102,7 +102,7 @@ CHECKS = (
 )
 
 
-#: Places that sequences run from, as users read them: the last three are flash with parts of its controller disabled.
+#: Places of the sequences and their display names; the last three are flash with parts of its controller disabled.
 PLACES = {
     "sram": "SRAM_L",
     "flash": "flash",
@@ -115,13 +115,13 @@ PLACES = {
 @dataclass(frozen=True, slots=True)
 class MeasuredProfile:
     rows: dict[str, CostRow]
-    """Measured rows. If the solution is no integer, the range of the row has both neighbours."""
+    """Measured rows. If a solution is not an integer, the range of the row contains both adjacent integers."""
     remarks: tuple[str, ...]
     """Contradictions to the rules."""
     judgements: tuple[Judgement, ...]
-    """Surviving candidates of each rule of fetching and of addresses."""
+    """Matching candidates of each rule of fetching and of addresses."""
     base: TimingProfile
-    """Profile with the rows that no sequence gives; with rows of rules if one of them holds, or may hold."""
+    """Profile with the rows that no sequence gives; it has rules if any rule applies, or may apply."""
 
 
 def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> MeasuredProfile:
@@ -132,7 +132,7 @@ def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> Measur
     clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     about
-        Source of the measurement, which ends the source of each row.
+        Description of the measurement, which is appended to the source of each row.
     image
         Firmware with the sequences, which prices the candidates.
     """
@@ -168,16 +168,16 @@ def _solve_equations(
         )
         if expected != equation.measured(clocks):
             remarks.append(
-                f"{equation.sequence}: {equation.measured(clocks)} clocks, and the rows make {float(expected):g}: "
-                "a rule of the model does not hold here"
+                f"{equation.sequence}: {equation.measured(clocks)} clocks, but the rows give {float(expected):g}: "
+                "a rule of the model does not apply to this core"
             )
     late = rows["fp_divide_use"].value - rows["fp_divide"].value
     if not 0 <= late <= 1:
-        remarks.append(f"fp_divide_use: {late} clocks behind fp_divide, where the model knows none or one")
+        remarks.append(f"fp_divide_use: {late} clocks after fp_divide, but the model allows 0 or 1")
         rows["fp_divide_use"] = replace(rows["fp_divide"], source=rows["fp_divide_use"].source)
     hidden, most = rows["fp_accumulate_hidden"], rows["fp_accumulate"].value - 1
     if hidden.band[1] > most:
-        remarks.append(f"fp_accumulate_hidden: {hidden.value} clocks, where the model knows at most {most}")
+        remarks.append(f"fp_accumulate_hidden: {hidden.value} clocks, but the model allows at most {most}")
         band = min(hidden.band[0], most), most
         rows["fp_accumulate_hidden"] = replace(hidden, value=min(hidden.value, most), band=band)
     return rows, remarks, exact
@@ -220,7 +220,8 @@ def _rule_rows(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, C
         for value, remark in values.items()
     }
     return rows, [
-        f"{remark}: {row} cannot say so, and keeps the base's value and range" for row, remark in undecided.items()
+        f"{remark}: the row {row} cannot express this, so value and range are the base's"
+        for row, remark in undecided.items()
     ]
 
 
@@ -229,9 +230,9 @@ def _row(row: str, value: Fraction, source: str) -> tuple[CostRow, list[str]]:
     low, high = max(math.floor(value), least), max(math.ceil(value), least)
     remarks = []
     if value < least:
-        remarks.append(f"{row}: {float(value):.3f} clocks, where the model knows at least {least}")
+        remarks.append(f"{row}: {float(value):.3f} clocks, but the model requires at least {least}")
     elif value.denominator != 1:
-        remarks.append(f"{row}: {float(value):.3f} clocks, no whole number of them: its band is {low} to {high}")
+        remarks.append(f"{row}: {float(value):.3f} clocks is not a whole number: its band is {low} to {high}")
     return CostRow(min(max(round(value), low), high), (low, high), source), remarks
 
 
@@ -241,8 +242,9 @@ def profile_text(
     """Return the text of a measured profile's file.
 
     Parameters
+    ----------
     raw
-        Clocks of each sequence by the memory that it ran from, kept so that they can be evaluated again.
+        Clocks of half of each sequence by place, which are stored so that they can be evaluated again.
     board
         Lines of table ``[board]``.
     """
@@ -252,7 +254,7 @@ def profile_text(
 def _lines(
     name: str, measured: MeasuredProfile, raw: Mapping[str, Mapping[str, int]], board: Iterable[str]
 ) -> Iterator[str]:
-    yield "# Measured by `hiltest timing measure`. What it does not give is the base's."
+    yield "# Measured by `hiltest timing measure`. All other rows are those of the base."
     yield f'name = "{name}"'
     yield f'base = "{measured.base.name}"'
     for remark in measured.remarks:

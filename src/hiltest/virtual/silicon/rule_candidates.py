@@ -1,7 +1,7 @@
-"""Rules of fetching and of addresses: possible behaviours of a core, and those that a board's clocks support.
+"""Rules of fetching and of addresses: possible behaviours of a core, and those that match a board's clocks.
 
-A candidate is a profile: rows with other values, some of which no profile file can have. A virtual board with that
-profile predicts its count, as the firmware counts: the whole sequence minus its second half.
+A candidate is a profile with other values in some rows, including rows that profile files cannot have. A virtual board
+with this profile predicts the count of the firmware: the complete sequence minus its second half.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.model.timing import CostRow, TimingProfile, replace_values
 from hiltest.virtual.program.elf import FirmwareImage
 
-_BUFFER_BYTES = 128  # memory that sequences load from and store to
+_BUFFER_BYTES = 128  # memory for the loads and stores of sequences
 
 
-# Rows of other fetch rules, which a profile file cannot name.
+# Rows of other fetch rules, which profile files cannot have.
 _EVERY_THIRD, _EVERY_SECOND = {"misplaced_on_end": 3}, {"misplaced_on_end": 2}
 _PAST_NARROW = {"late_past_narrow": 1}
 
@@ -29,10 +29,10 @@ class Candidate:
     rows: Mapping[str, int] = field(default_factory=dict)
     """Values of rows."""
     in_rows: bool = True
-    """True if a profile file can express it."""
+    """True if a profile file can express the behaviour."""
 
     def apply_to(self, profile: TimingProfile) -> TimingProfile:
-        """Return a profile with this behaviour, and otherwise the values of `profile`."""
+        """Return `profile` with this behaviour."""
         present = {name: value for name, value in self.rows.items() if name in profile.rows}
         new = {name: CostRow(value, (value, value), "") for name, value in self.rows.items() if name not in present}
         changed = replace_values(profile, present)
@@ -47,26 +47,26 @@ class Question:
     about: str
     """Content of half the sequence."""
     row: str
-    """Row that it decides, or that one of its candidates contradicts; empty without one."""
+    """Row that the sequence decides, or that a candidate contradicts; empty if there is none."""
     candidates: tuple[Candidate, ...]
-    """Possible answers; the first one is that the rule does not hold."""
+    """Possible answers; the first one is that the rule does not apply."""
 
 
 def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
-    """Return the questions, in an order in which none depends on a later one.
+    """Return the questions in order of their dependencies.
 
     Parameters
     ----------
     value
-        Values of the rows that other sequences have given.
+        Values of the rows that other sequences gave.
     """
 
     def row_is(row: str, *says: str) -> tuple[Candidate, ...]:
-        """Return candidates that the row is 0, 1 and so on."""
+        """Return candidates for the values 0, 1 and so on of a row."""
         return tuple(Candidate(text, {row: number}) for number, text in enumerate(says))
 
     def fetch_waits(row: str) -> tuple[Candidate, ...]:
-        """Return candidates for the waits in a long run, by a row."""
+        """Return candidates for the waits in a long run, which a row prices."""
         return (
             Candidate("none waits", {row: 0}),
             Candidate("one in three waits", {row: 1} | _EVERY_THIRD),
@@ -75,11 +75,11 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
 
     third = row_is("fetch_late", "none waits", "one of the three waits")
     folded = (
-        Candidate("IT takes what it takes elsewhere", {"it_folded": value["it"]}),
+        Candidate("IT takes the same time as elsewhere", {"it_folded": value["it"]}),
         Candidate("IT takes no time", {"it_folded": 0}),
     )
     refills = (
-        Candidate("it refills as other branches do", {"refill_table": value["refill_indirect"]}),
+        Candidate("its refill is that of other branches", {"refill_table": value["refill_indirect"]}),
         *(
             Candidate(f"with its refill it takes {value['table_branch'] + refill}", {"refill_table": refill})
             for refill in (4, 5, 6)
@@ -88,14 +88,14 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
     )
     unaligned = tuple(
         Candidate(says, {"load": value["load"] + more})
-        for more, says in enumerate(("as at a word", "a clock more a load", "two clocks more a load"))
+        for more, says in enumerate(("as if aligned", "one clock more per load", "two clocks more per load"))
     )
     return (
-        Question("load_and_three", "4 times LDR, 3 EOR.W at half a word, NOP", "fetch_late", third),
-        Question("pair_and_three", "4 times VMOV of a pair, 3 UMAAL at half a word, 5 NOP", "fetch_late", third),
+        Question("load_and_three", "4 times LDR, 3 misaligned EOR.W, NOP", "fetch_late", third),
+        Question("pair_and_three", "4 times VMOV of a pair, 3 misaligned UMAAL, 5 NOP", "fetch_late", third),
         Question(
             "load_and_two",
-            "4 times LDR, 2 EOR.W at half a word, 2 NOP",
+            "4 times LDR, 2 misaligned EOR.W, 2 NOP",
             "fetch_late",
             (
                 Candidate("none waits"),
@@ -104,44 +104,44 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         ),
         Question(
             "integers_misplaced",
-            "5 NOP around 48 EOR.W at half a word",
+            "5 NOP around 48 misaligned EOR.W",
             "fetch_late_integer",
             fetch_waits("fetch_late_integer"),
         ),
-        Question("fp_misplaced", "5 NOP around 48 VADD at half a word", "fetch_late_fp", fetch_waits("fetch_late_fp")),
+        Question("fp_misplaced", "5 NOP around 48 misaligned VADD", "fetch_late_fp", fetch_waits("fetch_late_fp")),
         Question(
             "load_compare_and_three",
-            "4 times LDR.W, CMP, 3 EOR.W at half a word, 4 NOP",
+            "4 times LDR.W, CMP, 3 misaligned EOR.W, 4 NOP",
             "fetch_late",
             (
-                Candidate("none waits behind the CMP"),
+                Candidate("none waits after the CMP"),
                 Candidate("one of the three waits", {"fetch_late": 1} | _PAST_NARROW, in_rows=False),
             ),
         ),
         Question(
             "loop_misplaced",
-            "MOVS, 16 turns of SUBS.W at half a word and BNE, 2 NOP",
+            "MOVS, 16 turns of a misaligned SUBS.W and BNE, 2 NOP",
             "target_misplaced",
-            row_is("target_misplaced", "the branch to it waits for nothing", "the branch to it takes one more"),
+            row_is("target_misplaced", "the branch to it does not wait", "the branch to it takes one clock more"),
         ),
         Question(
             "calls_misplaced",
-            "5 NOP around 16 BL at half a word, to a BX LR",
+            "5 NOP around 16 misaligned BL, to a BX LR",
             "return_misplaced",
-            row_is("return_misplaced", "the return waits for nothing", "the return takes one more"),
+            row_is("return_misplaced", "the return does not wait", "the return takes one clock more"),
         ),
         Question(
             "computed_address",
-            "8 times ADDS, LDR from the address that it made",
+            "8 times ADDS, LDR from the computed address",
             "address_use",
-            row_is("address_use", "LDR waits for nothing", "LDR waits a clock"),
+            row_is("address_use", "LDR does not wait", "LDR waits one clock"),
         ),
         Question("compare_if_then", "8 times CMP of two bytes, IT, MOVEQ", "it_folded", folded),
         Question("if_then", "16 times IT, ADDEQ of two bytes", "it_folded", folded),
         Question("table_branch", "8 TBB to the next instruction", "refill_table", refills),
-        Question("loads_one_off", "8 times LDR at +1, EOR.W; the default model prices none", "", unaligned),
-        Question("loads_two_off", "8 times LDR at +2, EOR.W; the default model prices none", "", unaligned),
-        Question("loads_three_off", "8 times LDR at +3, EOR.W; the default model prices none", "", unaligned),
+        Question("loads_one_off", "8 times LDR at +1, EOR.W; the default model has no row", "", unaligned),
+        Question("loads_two_off", "8 times LDR at +2, EOR.W; the default model has no row", "", unaligned),
+        Question("loads_three_off", "8 times LDR at +3, EOR.W; the default model has no row", "", unaligned),
     )
 
 
@@ -161,21 +161,21 @@ class Judgement:
 
     @property
     def decided(self) -> Candidate | None:
-        """The only surviving candidate, or None."""
+        """The only matching candidate, or None."""
         return self.survivors[0] if len(self.survivors) == 1 else None
 
     @property
     def shows_rule(self) -> bool:
-        """Return whether the core contradicts the candidate without the rule."""
+        """Return whether the core contradicts the first candidate, in which the rule does not apply."""
         return self.question.candidates[0] not in self.survivors
 
     @property
     def verdict(self) -> str:
-        """Text of the surviving candidates."""
+        """Text of the matching candidates."""
         if not self.survivors:
-            return "none of the candidates predicts it"
+            return "no candidate matches"
         if self.decided is None:
-            return "it cannot be told: " + ", or ".join(survivor.says for survivor in self.survivors)
+            return "undecided: " + ", or ".join(survivor.says for survivor in self.survivors)
         return self.decided.says
 
 
@@ -196,7 +196,7 @@ def judge(clocks: Mapping[str, int], profile: TimingProfile, image: FirmwareImag
     clocks
         Clocks of half of each sequence, run from SRAM_L with its data in SRAM_U.
     profile
-        Profile with the rows of all rules, and with the rows that other sequences have given.
+        Profile with the rows of all rules, and with the rows that other sequences gave.
     image
         Firmware with the sequences.
     """

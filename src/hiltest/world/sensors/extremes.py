@@ -46,7 +46,7 @@ class Extremes(Restorable):
         """Register the samples since the last call; they are compared when the registers are read."""
         latest = self._output.latest(time_s)
         if latest > self._latest:
-            self._waiting.append((self._output.with_conversion(self._conversion()), self._latest + 1, latest))
+            self._waiting.append((self._output.copy_with_conversion(self._conversion()), self._latest + 1, latest))
         if len(self._waiting) > _MOST_WAITING:
             self.compare()
         self._latest = latest

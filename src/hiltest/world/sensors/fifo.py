@@ -62,7 +62,7 @@ class SampleFifo(Restorable):
         self._overflowed_at: int | None = None
 
     @property
-    def on(self) -> bool:
+    def is_on(self) -> bool:
         """True if F_MODE is other than 00."""
         return self.mode is not FifoMode.OFF
 
@@ -77,7 +77,7 @@ class SampleFifo(Restorable):
         self.mode = FifoMode(setup >> 6)
         if self.mode is FifoMode.TRIGGER and not self._has_trigger:
             self.mode = FifoMode.STOP
-        if self.mode is not before or not self.on:
+        if self.mode is not before or not self.is_on:
             self._empty(time_s)
 
     def begin(self, time_s: float) -> None:
@@ -148,7 +148,7 @@ class SampleFifo(Restorable):
 
     def _take_in(self, time_s: float) -> None:
         latest = self._output.latest(time_s)
-        if not self.on or latest <= self._latest:
+        if not self.is_on or latest <= self._latest:
             return
         arrived = range(self._latest + 1, latest + 1)
         stored = len(self._ticks)

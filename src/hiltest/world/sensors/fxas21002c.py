@@ -132,14 +132,14 @@ class Fxas21002c(RegisterDevice):
     def read_register(self, register: int, time_s: float) -> int:
         """Return a register's byte; reserved addresses read 0."""
         if OUT_X_MSB <= register <= OUT_Z_LSB:
-            return (self._fifo if self._fifo.on else self._output).read(register - OUT_X_MSB, time_s)
+            return (self._fifo if self._fifo.is_on else self._output).read(register - OUT_X_MSB, time_s)
         if CTRL_REG1 <= register <= CTRL_REG3:
             return self._control[register - CTRL_REG1 + 1]
         match register:
             case 0x00:
-                return self._fifo.status(time_s) if self._fifo.on else self._output.status(time_s)
+                return self._fifo.status(time_s) if self._fifo.is_on else self._output.status(time_s)
             case 0x07:
-                return 0 if self._fifo.on else self._output.status(time_s)
+                return 0 if self._fifo.is_on else self._output.status(time_s)
             case 0x08:
                 return self._fifo.status(time_s)
             case 0x09:
@@ -174,7 +174,7 @@ class Fxas21002c(RegisterDevice):
     def _interrupts(self, time_s: float) -> int:
         enabled = self._control[2]
         flags = 0
-        if enabled & _EN_DRDY and not self._fifo.on and self._output.status(time_s) & 0x08:
+        if enabled & _EN_DRDY and not self._fifo.is_on and self._output.status(time_s) & 0x08:
             flags |= _SRC_DRDY
         if enabled & _EN_FIFO and self._fifo.event(time_s):
             flags |= _SRC_FIFO
@@ -211,7 +211,7 @@ class Fxas21002c(RegisterDevice):
         scale = _COUNTS_PER_DPS[self._control[0] & 3] / (2.0 if self._control[3] & _FS_DOUBLE else 1.0)
         recorded = self._world.recorded(Sensed.GYROSCOPE, instant_s, part="FXAS21002C", limit=32_768 / scale)
         if recorded is None:
-            (x, y, z), bias = apply_rows(self._response, self._world.at(instant_s).rate_body_dps), self._bias_dps
+            (x, y, z), bias = apply_rows(self._response, self._world.state_at(instant_s).rate_body_dps), self._bias_dps
             felt_dps = (x + bias[0], y + bias[1], z + bias[2])
             x, y, z = self._drift.apply(felt_dps, self._world.temperature_degc(instant_s))
             # rms of white noise before the filter, up to half the output rate.

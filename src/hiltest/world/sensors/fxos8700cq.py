@@ -197,7 +197,7 @@ class Fxos8700cq(RegisterDevice):
             at_end = True
         if not at_end:
             return (register + 1) & 0xFF
-        if self._fifo.on:
+        if self._fifo.is_on:
             return OUT_X_MSB
         joined = self._hybrid and self._registers[M_CTRL_REG2] & _HYBRID_AUTO_INCREMENT
         return M_OUT_X_MSB if joined else STATUS
@@ -205,7 +205,7 @@ class Fxos8700cq(RegisterDevice):
     def read_register(self, register: int, time_s: float) -> int:
         """Return a register's byte; addresses above the map read 0."""
         if OUT_X_MSB <= register <= OUT_Z_LSB:
-            return (self._fifo if self._fifo.on else self._accelerometer).read(register - OUT_X_MSB, time_s)
+            return (self._fifo if self._fifo.is_on else self._accelerometer).read(register - OUT_X_MSB, time_s)
         if M_OUT_X_MSB <= register <= M_OUT_Z_LSB:
             return self._magnetometer.read(register - M_OUT_X_MSB, time_s)
         if CMP_X_MSB <= register <= CMP_Z_LSB:
@@ -258,7 +258,7 @@ class Fxos8700cq(RegisterDevice):
                 self._extremes.compare()
 
     def _read_status(self, time_s: float) -> int:
-        if not self._fifo.on:
+        if not self._fifo.is_on:
             return self._accelerometer.status(time_s)
         status = self._fifo.status(time_s)
         self._fifo.acknowledge()
@@ -270,7 +270,7 @@ class Fxos8700cq(RegisterDevice):
         if not enabled:
             return 0
         ready = self._magnetometer.status(time_s)
-        if not self._fifo.on:
+        if not self._fifo.is_on:
             ready |= self._accelerometer.status(time_s)
         flags = (_DATA_READY if ready & 0x08 else 0) | (_FIFO_EVENT if self._fifo.pending(time_s) else 0)
         return flags & enabled
@@ -329,7 +329,7 @@ class Fxos8700cq(RegisterDevice):
             Sensed.ACCELEROMETER, instant_s, part=f"{self._name} accelerometer", limit=2.0 * (1 << self._full_scale)
         )
         if recorded is None:
-            true_g = self._world.at(instant_s).gravity_body_g
+            true_g = self._world.state_at(instant_s).gravity_body_g
             x, y, z = self._errors.apply(true_g, self._world.temperature_degc(instant_s))
             sigma_g = self._noise.accelerometer_g(self._accelerometer.rate_hz)
         else:

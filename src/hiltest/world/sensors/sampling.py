@@ -111,7 +111,7 @@ class SampledOutput(Restorable):
         """Hold the first axis at the end of its range from `begin_s` to `end_s`."""
         self._saturated = (begin_s, end_s)
 
-    def with_conversion(self, measure: Measure) -> SampledOutput:
+    def copy_with_conversion(self, measure: Measure) -> SampledOutput:
         """Return a copy of the output with its own conversion, which keeps its samples."""
         other = copy(self)
         other._measure = measure
