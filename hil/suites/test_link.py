@@ -5,11 +5,15 @@ from __future__ import annotations
 import pytest
 
 from hiltest.boards import Board
+from hiltest.link.messages import LinkStatistics
 from hiltest.measurement import Limit
 from hiltest.procedures import check_link
 from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
+
+# Time from a request's last byte to the reply's first: of six bytes on the line.
+REPLY_TIME = Limit(max=500.0)
 
 
 def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
@@ -24,6 +28,18 @@ def test_the_link_keeps_its_word(board: Board, measure: Measure) -> None:
     assert not check.wrong, f"{check.wrong} payloads came to the board whole and were answered wrong"
     assert check.repeated_answered, "a repeated request got another answer"
     assert check.executed_once, "a repeated request was carried out twice"
+
+
+def test_the_board_answers_soon(board: Board, measure: Measure) -> None:
+    board.session.request(LinkStatistics())
+    cost = board.request_cost()
+    measure(
+        "link.reply_time",
+        cost.latency_us if cost else None,
+        "us",
+        limit=REPLY_TIME if cost else None,
+        not_offered="" if cost else "only a virtual board observes the whole request",
+    )
 
 
 def test_no_request_needed_a_second_attempt(board: Board, measure: Measure) -> None:

@@ -21,11 +21,13 @@ from hiltest.link.gyroscope import (
 )
 from hiltest.link.messages import Average, ClearCalibration, Read, Select, SetCalibration
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, SensorKind
+from hiltest.measurement import Limit
 from hiltest.orientation.angles import Pose, wrap_180
 from hiltest.orientation.quaternions import normalised, pose_of
 from hiltest.procedures import Turntable
 from hiltest.procedures.rest import noise_counts, rest_gyroscope
 from hiltest.rig import COUNTS_PER_UT, Rig
+from hiltest.session.fixtures import Measure
 
 pytestmark = pytest.mark.hil
 
@@ -33,6 +35,8 @@ SIGMAS = 4.5  # with a few dozen comparisons per run, one run in 3000 exceeds it
 PAIRS = 60
 LARGE = 320
 LONGEST_US = 6_000_000  # LARGE readings at 80 Hz take 4 s
+# A byte at 115200 baud takes 87 us, and a UART without FIFO loses it if interrupts are masked for longer.
+MASKED = Limit(max=80.0)
 ROUNDING_COUNTS = math.sqrt(1.0 / 12.0)
 # The 14 bits arrive in steps of four counts.
 ACCELEROMETER_ROUNDING_COUNTS = 4.0 * ROUNDING_COUNTS
@@ -47,6 +51,18 @@ def stage(board: Board, turntable: Turntable) -> Stage:
         pytest.skip("the truth of this bench is not known")
     turntable.rest()
     return board.stage
+
+
+def test_sampling_masks_no_interrupts_for_long(board: Board, measure: Measure) -> None:
+    board.session.request(Average(4))
+    cost = board.request_cost()
+    measure(
+        "link.interrupts_masked",
+        cost.masked_us if cost else None,
+        "us",
+        limit=MASKED if cost else None,
+        not_offered="" if cost else "only a virtual board observes the whole request",
+    )
 
 
 @pytest.mark.parametrize("readings", [2, LARGE])

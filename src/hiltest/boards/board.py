@@ -130,6 +130,8 @@ class RequestCost:
     """Cycles of the core without sleep and interrupts."""
     latency_us: float
     """Time, sleep and interrupts included."""
+    masked_us: float
+    """Longest time for which interrupts were masked while the core was awake."""
 
 
 TimedReply = TypeVar("TimedReply", bound=CostedReply)

@@ -150,8 +150,9 @@ class VirtualBoard(Board):
         )
 
     def _begin_request(self, code: int) -> None:
-        """Clear the records of the request before: readings of the cycle counter, and delivered samples."""
+        """Clear the records of the previous request: readings of the cycle counter, masks and delivered samples."""
         self._machine.cycle_counter.forget()
+        self._machine.processor.core.longest_masked = 0
         self._bench.forget_deliveries()
         if self._delivered is not None:
             self._delivered.begin(code, self._bench.time_s)
@@ -254,7 +255,9 @@ class VirtualBoard(Board):
     def request_cost(self) -> RequestCost:
         """Return the cost of the latest request."""
         cycles, awake_cycles = self._machine.uart0.answer
-        return RequestCost(awake_cycles, 1e6 * cycles / self._machine.clocks.core_hz)
+        us_per_cycle = 1e6 / self._machine.clocks.core_hz
+        masked = self._machine.processor.core.longest_masked
+        return RequestCost(awake_cycles, cycles * us_per_cycle, masked * us_per_cycle)
 
     def cycle_range(self, cost: RunCost | None, calibrator: str = "") -> CycleRange | None:
         """Reprice the code between two readings of CYCCNT, with each row of the timing profile varied."""
