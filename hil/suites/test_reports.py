@@ -24,6 +24,9 @@ SAME_UNIT = 2.0
 REFERENCE_CALIBRATORS = ("direct", "corrected", "iterative")
 FEWEST_SAMPLES = 50
 
+# Ten readings of 0.4 uT in a window have a mean within 0.6 uT of that of all samples at the pose, at five sigma.
+SAMPLE_ERROR = Limit(max=1.0)
+
 
 def test_the_firmware_calibrates_itself(
     self_calibration: SelfCalibration, known_angles: ReportedAngles, board: Board, rig: Rig, measure: Measure
@@ -51,6 +54,19 @@ def test_the_firmware_calibrates_itself(
     if belief.gyroscope_bias_dps is not None and truth is not None:
         bias_dps = float(np.linalg.norm(belief.gyroscope_bias_dps - truth.gyroscope_bias_dps))
     measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_reported(belief.gyroscope_bias_dps))
+
+
+def test_the_reported_field_is_that_of_the_samples(known_angles: ReportedAngles, measure: Measure) -> None:
+    error_ut = known_angles.sample_error_ut()
+    measure(
+        "device.sample_error",
+        error_ut,
+        "uT",
+        limit=SAMPLE_ERROR if error_ut is not None else None,
+        not_offered=""
+        if error_ut is not None
+        else "the board observes no samples, or the firmware reports no raw field",
+    )
 
 
 def test_pitch_and_roll_at_known_angles(known_angles: ReportedAngles, board: Board, measure: Measure) -> None:

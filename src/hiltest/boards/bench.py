@@ -11,7 +11,7 @@ from hiltest.boards.delivered_samples import Samples
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.recorded_motion import load_playback
 from hiltest.json_files import read_json
-from hiltest.link.replies import SensorInfo, SensorKind
+from hiltest.link.replies import SensorInfo
 from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
@@ -26,6 +26,7 @@ from hiltest.virtual.program.elf import load_image
 from hiltest.world import Vector
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
+from hiltest.world.recorded_motion import Sensed
 from hiltest.world.sway import SWAY_S, Sway
 
 #: Time from power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
@@ -259,10 +260,16 @@ class VirtualBench:
             1.0 / output.rate_hz,
         )
 
-    def delivered_count(self, kind: SensorKind) -> int:
-        """Return the number of samples that all sensors of a kind have delivered since power-on."""
-        outputs = [output for part in self._parts.values() for output in part.outputs]
-        return sum(output.delivered for output in outputs if output.quantity.name == kind.name)
+    def delivered_fields(self) -> dict[str, list[int]]:
+        """Return the number and the sums of the samples that each magnetometer has delivered since power-on."""
+        fields = {}
+        for (bus, address), part in self._parts.items():
+            for output in part.outputs:
+                if output.quantity is Sensed.MAGNETOMETER and output.delivered[0]:
+                    axes = output.body_axes
+                    sums = [output.delivered[abs(axis)] * (1 if axis > 0 else -1) for axis in axes]
+                    fields[f"{bus}:{address:02x}"] = [output.delivered[0], *sums]
+        return fields
 
     def delivered_temperature(self, sensor: SensorInfo) -> int | None:
         """Return the temperature byte that a sensor's part has delivered since then; None without one."""

@@ -389,8 +389,11 @@ class Board(ABC):
         """Return the bytes that the firmware takes, see `seen_memory_use`, or the reason why they are unknown."""
         return NO_MEMORY_USE
 
-    def magnetometer_samples(self) -> int | None:
-        """Return the number of samples that magnetometers have delivered to the firmware so far; None if unknown."""
+    def delivered_fields(self) -> Mapping[str, list[int]] | None:
+        """Return what each magnetometer has delivered to the firmware so far, by bus and address; None if unknown.
+
+        A value has the number of samples and their sums along x, y and z of the body [count].
+        """
         return None
 
     def true_attitude(self, board_us: int) -> Pose | None:

@@ -43,9 +43,9 @@ FACTS_WITH_REQUESTS = FACTS | {
     "true_disturbances_ut",
 }
 """Such members if the firmware answers requests."""
-FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "magnetometer_samples"}
+FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "delivered_fields"}
 """Such members if it does not."""
-_LATER = frozenset({"magnetometer_samples", "request_cost"})
+_LATER = frozenset({"delivered_fields", "request_cost"})
 """Members that recordings of earlier versions lack."""
 
 

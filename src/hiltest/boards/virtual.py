@@ -23,7 +23,7 @@ from hiltest.boards.virtual_port import VirtualPort
 from hiltest.errors import ConfigError, ProtocolError, VersionMismatchError
 from hiltest.link.framing import Frame
 from hiltest.link.ports import READ_SLICE_S, SerialPort
-from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost, SensorInfo, SensorKind
+from hiltest.link.replies import SAMPLE_RATE_HZ, RunCost, SensorInfo
 from hiltest.link.session import ATTEMPTS, Session
 from hiltest.link.transcript import Transcript
 from hiltest.measurement import CycleRange
@@ -219,9 +219,9 @@ class VirtualBoard(Board):
         calls = {name: (counter.function, counter.stack) for name, counter in self._counters.items() if "." not in name}
         return seen_memory_use(self._machine, calls)
 
-    def magnetometer_samples(self) -> int:
-        """Return the number of samples that magnetometers have delivered to the firmware so far."""
-        return self._bench.delivered_count(SensorKind.MAGNETOMETER)
+    def delivered_fields(self) -> Mapping[str, list[int]]:
+        """Return the number and the sums of the samples that each magnetometer has delivered so far."""
+        return self._bench.delivered_fields()
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None while a recording is played."""

@@ -82,6 +82,8 @@ class HeldPose:
     field_ut: Reals | None
     gravity_g: Reals | None
     """Shape (3,), or None. Means of the firmware's calibrated vectors, in hiltest's axes."""
+    reported_ut: Reals | None
+    """Shape (3,), or None. Mean of the raw magnetometer as the firmware reports it, in hiltest's axes."""
     read_ut: Reals | None
     """Shape (3,), or None. Mean of the raw magnetometer; in a simulated world the noise-free reading if the firmware
     does not report it."""
@@ -110,6 +112,21 @@ class ReportedAngles(KnownAngles):
             return None
         errors = [heading_error_deg(*pair) for pair in zip(valid_headings, self.reference_deg.tolist(), strict=True)]
         return summarise(errors, self.reference_deg, level=self.level)
+
+    def sample_error_ut(self) -> float | None:
+        """Return the largest difference between the reported raw field and the samples that the sensor delivered [uT].
+
+        It is that of the magnetometer with the smallest one; None if the board does not observe samples, or the
+        firmware does not report its raw field.
+        """
+        errors: dict[str, list[float]] = {}
+        for pose in self.held:
+            if pose.settled.delivered is None or pose.reported_ut is None:
+                return None
+            for part, (_, mean_ut) in pose.settled.delivered.items():
+                errors.setdefault(part, []).append(float(np.abs(pose.reported_ut - mean_ut).max()))
+        largest = [max(values) for values in errors.values() if len(values) == len(self.held)]
+        return min(largest, default=None)
 
     @property
     def settle_s(self) -> Reals:
@@ -323,6 +340,7 @@ def measure_reported_angles(
                 settled,
                 field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
                 gravity_g=_mean(settled, _gravity(board), frame.gravity),
+                reported_ut=_mean(settled, Quantity.MAGNETOMETER, frame.vector),
                 read_ut=_read_ut(board, settled, attitude, frame),
             )
         )

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.boards.board import Board, BoardKind
 from hiltest.errors import DeviceTimeoutError
 from hiltest.interfaces.frames import Frame
 from hiltest.interfaces.quantities import Observation, Quantity
 from hiltest.orientation.angles import circular_mean_deg, wrap_180
+from hiltest.rig import COUNTS_PER_UT
 
 SETTLED_DEG = 0.1
 """Largest difference of the headings of two windows that agree."""
@@ -38,8 +42,14 @@ class Settled:
     """Observations of the last window."""
     unconfirmed: int = 0
     """Number of headings in all windows that were dropped because both neighbours contradict them."""
-    samples: int | None = None
-    """Samples that the magnetometers delivered during the wait; None if the board does not see them."""
+    delivered: Mapping[str, tuple[int, NDArray[np.float64]]] | None = None
+    """Number and mean, shape (3,) [uT], of the samples that each magnetometer delivered during the wait; None if the
+    board does not observe them."""
+
+    @property
+    def samples(self) -> int | None:
+        """Number of samples that all magnetometers delivered during the wait; None if unknown."""
+        return None if self.delivered is None else sum(count for count, _ in self.delivered.values())
 
 
 def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = None) -> Settled:
@@ -67,7 +77,7 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
     Packets and most lines have no check value, and a serial line may change a byte: so a heading without a check value
     counts only if a neighbour confirms it.
     """
-    output, began_s, delivered = board.output, board.now_s(), board.magnetometer_samples()
+    output, began_s, delivered = board.output, board.now_s(), board.delivered_fields()
     device = output.device
     longest_s = device.settle_s if longest_s is None else longest_s
     windows_left = math.floor(longest_s / device.window_s + _ROUNDING)
@@ -93,10 +103,19 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
         settled = bool(before) and agree(before, headings_deg)
         windows_left -= 1
         if settled or windows_left <= 0:
-            after = board.magnetometer_samples()
-            samples = None if delivered is None or after is None else after - delivered
-            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, samples)
+            means = _means_since(delivered, board.delivered_fields())
+            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, means)
         before = headings_deg
+
+
+def _means_since(
+    before: Mapping[str, list[int]] | None, after: Mapping[str, list[int]] | None
+) -> Mapping[str, tuple[int, NDArray[np.float64]]] | None:
+    """Return number and mean [uT] of the samples between two looks, by magnetometer."""
+    if before is None or after is None:
+        return None
+    moved = {part: np.array(sums) - before.get(part, [0, 0, 0, 0]) for part, sums in after.items()}
+    return {part: (int(sums[0]), sums[1:] / (COUNTS_PER_UT * sums[0])) for part, sums in moved.items() if sums[0]}
 
 
 def confirmed(headings_deg: Sequence[float], checked: Sequence[bool]) -> list[float]:

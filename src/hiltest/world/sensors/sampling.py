@@ -72,8 +72,8 @@ class SampledOutput(Restorable):
     ----------
     deliveries : deque of Delivery
         Samples that were read, in order; only the latest are kept.
-    delivered : int
-        Number of all samples that were read.
+    delivered : list of int
+        Number of all samples that were read, and the sums of their words.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class SampledOutput(Restorable):
         self.quantity = quantity
         self.body_axes = body_axes
         self.deliveries: deque[Delivery] = deque(maxlen=_DELIVERIES_AT_MOST)
-        self.delivered = 0
+        self.delivered = [0, 0, 0, 0]
         self._world = world
         self._noise = noise
         self._measure = measure
@@ -199,7 +199,10 @@ class SampledOutput(Restorable):
 
     def deliver(self, number: int, words: Counts, time_s: float) -> None:
         """Note that a sample was read completely."""
-        self.delivered += 1
+        delivered = self.delivered
+        delivered[0] += 1
+        for axis, word in enumerate(words, 1):
+            delivered[axis] += word
         self.deliveries.append(Delivery(time_s, number / self._rate_hz, number, words))
 
     def latest(self, time_s: float) -> int:
