@@ -193,6 +193,11 @@ def _provenance(run: Run) -> Iterator[tuple[str, str]]:
         yield "core clock", f"{board.core_clock_hz / 1e6:g} MHz"
         yield "cycle model", board.cycle_model
         yield "time", f"{board.clock} clock"
+        observes = board.kind == "virtual"
+        yield (
+            "checked from",
+            "the delivered samples on" if observes else "the firmware's answers on: samples are not observed",
+        )
         yield "calibrators", ", ".join(board.calibrators)
         yield (
             "sensors",
