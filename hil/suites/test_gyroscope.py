@@ -6,12 +6,15 @@ fits and stores its calibration.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.noise_density import noise_density
 from hiltest.link.gyroscope import Axis
+from hiltest.link.replies import SensorKind
 from hiltest.procedures import (
     FittedTurns,
     MeasuredTurn,
@@ -39,6 +42,12 @@ def test_one_turn_is_as_long_as_the_table_s(turn_about_z: MeasuredTurn, board: B
     measure("gyroscope.sensitivity_error.z", turn_about_z.sensitivity_error_percent, "%")
     measure("gyroscope.scale_error.z", None if truth is None else turn_about_z.scale_error_percent(truth), "%")
     measure("gyroscope.misalignment.z", None if truth is None else turn_about_z.misalignment_deg(truth), "deg")
+
+
+def test_settings_of_the_gyroscope_in_a_turn(
+    turn_about_z: MeasuredTurn, board: Board, record_settings: Callable[..., None]
+) -> None:
+    record_settings("turn", board.sensor(SensorKind.GYROSCOPE))
 
 
 @pytest.mark.full

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.heading_bound import HeadingBound
+from hiltest.link.replies import SensorKind
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
@@ -117,6 +119,13 @@ def test_heading_at_known_angles(
     if isinstance(known_angles, ReportedAngles):
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
     refuse_impossible_errors(known_angles, bounds)
+
+
+def test_settings_of_the_sensors_at_known_angles(
+    known_angles: KnownAngles, board: Board, record_settings: Callable[..., None]
+) -> None:
+    in_use = (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER) if board.answers_requests else ()
+    record_settings("known_angles", *map(board.sensor, in_use))
 
 
 def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig: Rig) -> dict[str, Limit]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from hiltest.boards import Board
@@ -30,3 +32,7 @@ def test_every_sensor_that_answers_is_the_part_it_should_be(board: Board) -> Non
         sensor.name for sensor in board.sensors if sensor.present and sensor.seen_who_am_i != sensor.expected_who_am_i
     ]
     assert not wrong, f"another part answers at the address of {', '.join(wrong)}"
+
+
+def test_settings_of_the_sensors_after_set_up(record_settings: Callable[..., None]) -> None:
+    record_settings("set_up")
