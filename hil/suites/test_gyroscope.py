@@ -31,10 +31,13 @@ pytestmark = pytest.mark.hil
 NOISE_LOG_S = 10.0
 
 
-def test_bias_is_gone_in_the_second_rest(turn_about_z: MeasuredTurn, measure: Measure) -> None:
+def test_bias_is_gone_in_the_second_rest(
+    turn_about_z: MeasuredTurn, board: Board, measure: Measure, record_settings: Callable[..., int | None]
+) -> None:
     measure("gyroscope.bias_error", turn_about_z.bias_error_dps, "dps")
     measure("gyroscope.uncorrected_error", turn_about_z.uncorrected_error_dps, "dps")
     measure("gyroscope.temperature", turn_about_z.after.die_temperature_degc, "degC")
+    record_settings("turn", board.sensor(SensorKind.GYROSCOPE))
 
 
 def test_one_turn_is_as_long_as_the_table_s(turn_about_z: MeasuredTurn, board: Board, measure: Measure) -> None:
@@ -42,12 +45,6 @@ def test_one_turn_is_as_long_as_the_table_s(turn_about_z: MeasuredTurn, board: B
     measure("gyroscope.sensitivity_error.z", turn_about_z.sensitivity_error_percent, "%")
     measure("gyroscope.scale_error.z", None if truth is None else turn_about_z.scale_error_percent(truth), "%")
     measure("gyroscope.misalignment.z", None if truth is None else turn_about_z.misalignment_deg(truth), "deg")
-
-
-def test_settings_of_the_gyroscope_in_a_turn(
-    turn_about_z: MeasuredTurn, board: Board, record_settings: Callable[..., None]
-) -> None:
-    record_settings("turn", board.sensor(SensorKind.GYROSCOPE))
 
 
 @pytest.mark.full

@@ -85,7 +85,12 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
 
 
 def test_heading_at_known_angles(
-    known_angles: KnownAngles, rig: Rig, measure: Measure, request: pytest.FixtureRequest
+    known_angles: KnownAngles,
+    board: Board,
+    rig: Rig,
+    measure: Measure,
+    record_settings: Callable[..., int | None],
+    request: pytest.FixtureRequest,
 ) -> None:
     # The mounting turns every heading, so only a centred error can be checked without a declared mounting.
     missing = known_angles.not_measured
@@ -118,14 +123,11 @@ def test_heading_at_known_angles(
     measure.table(*table_of_expected_errors(bounds))
     if isinstance(known_angles, ReportedAngles):
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
-    refuse_impossible_errors(known_angles, bounds)
-
-
-def test_settings_of_the_sensors_at_known_angles(
-    known_angles: KnownAngles, board: Board, record_settings: Callable[..., None]
-) -> None:
     in_use = (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER) if board.answers_requests else ()
-    record_settings("known_angles", *map(board.sensor, in_use))
+    registers = record_settings("known_angles", *map(board.sensor, in_use))
+    not_offered = "" if registers else "this board does not show the registers of its sensors"
+    measure("sensor.registers", registers, "", not_offered=not_offered)
+    refuse_impossible_errors(known_angles, bounds)
 
 
 def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig: Rig) -> dict[str, Limit]:
