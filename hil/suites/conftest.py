@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,8 @@ from hiltest.calibration import FOR_COMPARISON
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
 from hiltest.errors import ConfigError
 from hiltest.link.gyroscope import Axis
+from hiltest.link.replies import SensorInfo
+from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
     UNCALIBRATED,
@@ -60,6 +62,7 @@ from hiltest.rig import Rig
 from hiltest.rig.bench_files import DEFAULT_RIG, shipped
 from hiltest.rig.rig_file import load_rig
 from hiltest.session.bench_session import SESSION
+from hiltest.session.fixtures import Measure
 from hiltest.session.settings import Settings, resolve
 from hiltest.world import EarthField
 
@@ -368,6 +371,52 @@ def reported_angles(
     """Headings that the firmware reports at known angles after its calibration."""
     poses = rig.procedure.known_angle_poses(hil_settings.poses)
     return measure_reported_angles(board, turntable, poses, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def named_settings(rig: Rig) -> set[str]:
+    """Settings that are not modelled, and that the rig accepts or a test has already named."""
+    return set(rig.sensors.accepted_settings)
+
+
+@pytest.fixture
+def record_settings(board: Board, measure: Measure, named_settings: set[str]) -> Callable[..., int | None]:
+    """Function that records the registers of all parts at a moment, or only those of the parts of some sensors.
+
+    It returns their number; None if the board does not show them.
+    """
+
+    def record(moment: str, *sensors: SensorInfo) -> int | None:
+        parts = board.sensor_settings()
+        if parts is None:
+            return None
+        places = {(sensor.bus, sensor.address) for sensor in sensors}
+        settings = [
+            setting
+            for part in parts
+            if not places or (part.bus, part.address) in places
+            for setting in part.settings()
+            if setting.is_compared or setting.value
+        ]
+        measure.table(
+            f"sensors.{moment}",
+            {"part": "", "register": "", "value": "", "remark": ""},
+            [[setting.part, setting.register, f"0x{setting.value:02X}", setting.not_modelled] for setting in settings],
+        )
+        for setting in settings:
+            not_checked = "" if str(setting) in named_settings else setting.not_modelled
+            if setting.is_compared or not_checked:
+                measure(
+                    f"sensor.{setting.part}.{setting.register}.{moment}",
+                    setting.value,
+                    limit=Limit(min=setting.as_modelled, max=setting.as_modelled) if not_checked else None,
+                    not_checked=not_checked,
+                    note=f"0x{setting.value:02X}",
+                )
+                named_settings.add(str(setting))
+        return len(settings)
+
+    return record
 
 
 @pytest.fixture(scope="session")

@@ -6,12 +6,15 @@ fits and stores its calibration.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.noise_density import noise_density
 from hiltest.link.gyroscope import Axis
+from hiltest.link.replies import SensorKind
 from hiltest.procedures import (
     FittedTurns,
     MeasuredTurn,
@@ -28,10 +31,13 @@ pytestmark = pytest.mark.hil
 NOISE_LOG_S = 10.0
 
 
-def test_bias_is_gone_in_the_second_rest(turn_about_z: MeasuredTurn, measure: Measure) -> None:
+def test_bias_is_gone_in_the_second_rest(
+    turn_about_z: MeasuredTurn, board: Board, measure: Measure, record_settings: Callable[..., int | None]
+) -> None:
     measure("gyroscope.bias_error", turn_about_z.bias_error_dps, "dps")
     measure("gyroscope.uncorrected_error", turn_about_z.uncorrected_error_dps, "dps")
     measure("gyroscope.temperature", turn_about_z.after.die_temperature_degc, "degC")
+    record_settings("turn", board.sensor(SensorKind.GYROSCOPE))
 
 
 def test_one_turn_is_as_long_as_the_table_s(turn_about_z: MeasuredTurn, board: Board, measure: Measure) -> None:

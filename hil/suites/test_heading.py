@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.heading_bound import HeadingBound
+from hiltest.link.replies import SensorKind
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
@@ -83,7 +85,12 @@ def test_every_calibrator_fits_the_points(calibrations: dict[str, CalibratorRun]
 
 
 def test_heading_at_known_angles(
-    known_angles: KnownAngles, rig: Rig, measure: Measure, request: pytest.FixtureRequest
+    known_angles: KnownAngles,
+    board: Board,
+    rig: Rig,
+    measure: Measure,
+    record_settings: Callable[..., int | None],
+    request: pytest.FixtureRequest,
 ) -> None:
     # The mounting turns every heading, so only a centred error can be checked without a declared mounting.
     missing = known_angles.not_measured
@@ -116,6 +123,10 @@ def test_heading_at_known_angles(
     measure.table(*table_of_expected_errors(bounds))
     if isinstance(known_angles, ReportedAngles):
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
+    in_use = (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER) if board.answers_requests else ()
+    registers = record_settings("known_angles", *map(board.sensor, in_use))
+    not_offered = "" if registers else "this board does not show the registers of its sensors"
+    measure("sensor.registers", registers, "", not_offered=not_offered)
     refuse_impossible_errors(known_angles, bounds)
 
 

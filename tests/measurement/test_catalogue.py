@@ -130,6 +130,11 @@ def test_the_deviations_are_those_of_the_committed_seeds() -> None:
         ("accelerometer.ellipsoid.norm_rms", "accelerometer.{fit}.norm_rms", "ellipsoid"),
         ("gyroscope.scale_error.z", "gyroscope.scale_error.{axis}", "z"),
         ("fusion.gyroscope.heading.max", "fusion.{source}.heading.max", "gyroscope"),
+        (
+            "sensor.FXOS8700CQ.M_CTRL_REG1.turn",
+            "sensor.{part}.{register}.{moment}",
+            "FXOS8700CQ.M_CTRL_REG1.turn",
+        ),
     ],
 )
 def test_a_name_is_of_a_kind_and_a_subject(name: str, kind: str, subject: str) -> None:

@@ -243,6 +243,12 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("[0, 30, 60, 90,", "[0, 30, 390, 90,", "procedure.headings_deg", "repeats a value"),
         ("[[0, 0], [20, 0],", "[[0, 0], [0, 0],", "procedure.tilts_deg", "repeats a value"),
         ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.1", "sensors", "and the world has 0.4"),
+        (
+            "magnetometer_noise_ut = 0.4",
+            'accepted_settings = ["CTRL_REG0 0x04"]\nmagnetometer_noise_ut = 0.4',
+            "sensors.accepted_settings",
+            "such as 'FXAS21002C CTRL_REG0 0x04'",
+        ),
         ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.9", "sensors", "ratio is 2"),
         (
             '"heading.direct.max" = { max = 1.8',

@@ -61,6 +61,7 @@ def test_what_numbers_rest_on_changes_the_digest(edited: Edit, old: str, new: st
         ("seed = 1 ", "seed = 2 "),
         ('poses = "all"', 'poses = "level"'),
         ("# The default bench", "# My bench"),
+        ("[sensors]", '[sensors]\naccepted_settings = ["FXAS21002C CTRL_REG0 0x04"]'),
         ('"cycles.direct.fixed" = { max = 2_600, unit = "cycle" }', ""),
         ("strength_ut = 48.5", "strength_ut = 48.50"),
     ],

@@ -322,6 +322,26 @@ def test_a_number_that_is_too_large_to_compare_is_an_obstacle(base: float, new: 
     assert asdict(comparison)["differences"][0]["delta"] is None
 
 
+def test_a_setting_of_a_sensor_may_not_change_either_way_and_comes_before_its_effects() -> None:
+    setting, effect = "sensor.FXOS8700CQ.M_CTRL_REG1.set_up", "heading.direct.max"
+    runs = {
+        value: evidence(*[[measurement(setting, value), *cell_of(effect, degrees, Limit(max=2.0))]] * 2)
+        for value, degrees in ((0x1F, 0.9), (0x03, 3.0))
+    }
+    there, back = compare(runs[0x1F], runs[0x03]), compare(runs[0x03], runs[0x1F])
+    assert [row.name for row in there.differences_with(Change.WORSE)] == [setting, effect]
+    assert "2 worse: FXOS8700CQ M_CTRL_REG1 0x03, was 0x1F: oversampling (after set-up), heading" in there.sentence
+    assert [row.name for row in back.differences_with(Change.WORSE)] == [setting]
+
+
+def test_a_base_without_settings_compares_none() -> None:
+    heading = measurement("heading.direct.max", 0.9)
+    base, new = evidence([heading]), evidence([heading, measurement("sensor.MAG3110.CTRL_REG1.set_up", 1)])
+    comparison = compare(base, new)
+    assert comparison.answer is Answer.MAY
+    assert [row.name for row in comparison.differences_with(Change.NEW)] == ["sensor.MAG3110.CTRL_REG1.set_up"]
+
+
 def test_volatile_measurements_are_never_compared() -> None:
     name = "board.wall_seconds"
     assert compare(over_seeds(name, 8.0, volatile=True), over_seeds(name, 80.0, volatile=True)).differences == ()

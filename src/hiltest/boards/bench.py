@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hiltest.boards.board import PartSettings
 from hiltest.boards.delivered_samples import Samples
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.recorded_motion import load_playback
@@ -275,6 +277,19 @@ class VirtualBench:
         """Return the temperature byte that a sensor's part has delivered since then; None without one."""
         part = self._parts[sensor.bus, sensor.address]
         return part.transferred.get(part.temperature_register)
+
+    def sensor_settings(self) -> list[PartSettings]:
+        """Return the registers of the parts that run, or have delivered a sample."""
+        settings = []
+        for name in self.rig.world.fitted if self.rig.world else ():
+            place = PARTS[name]
+            part = self._parts[place.bus, place.address]
+            if any(output.delivered or math.isfinite(output.next_sample_s(self.time_s)) for output in part.outputs):
+                prefix, dash, kind = name.rpartition("-")
+                settings.append(
+                    PartSettings(f"{prefix}{dash}{kind.upper()}", place.bus, place.address, part.settings())
+                )
+        return settings
 
     @property
     def firmware_clock_began_s(self) -> float:

@@ -20,6 +20,7 @@ from hiltest.link.replies import DPS_PER_COUNT, CostedReply, CostedSteps, Identi
 from hiltest.link.request import Request
 from hiltest.link.session import Session
 from hiltest.measurement import CycleRange
+from hiltest.measurement.sensor_registers import Setting, registers_of
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.rig import Rig
 from hiltest.rig.faults import Faults
@@ -132,6 +133,27 @@ class RequestCost:
     """Time, sleep and interrupts included."""
     masked_us: float
     """Longest time for which interrupts were masked while the core was awake."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartSettings:
+    """Registers of one part that firmware can write."""
+
+    name: str
+    """Name of the part, such as ``FXOS8700CQ`` or ``onboard-FXOS8700CQ``."""
+    bus: int
+    address: int
+    """I2C module, and the part's 7-bit address."""
+    registers: Mapping[int, int]
+    """Values by address."""
+
+    def settings(self) -> list[Setting]:
+        """Return the registers by name; an unknown register has its address as its name."""
+        rows = registers_of(self.name)
+        return [
+            Setting(self.name, rows[address].name if address in rows else f"0x{address:02X}", value)
+            for address, value in sorted(self.registers.items())
+        ]
 
 
 TimedReply = TypeVar("TimedReply", bound=CostedReply)
@@ -394,6 +416,10 @@ class Board(ABC):
 
         A value has the number of samples and their sums along x, y and z of the body [count].
         """
+        return None
+
+    def sensor_settings(self) -> Sequence[PartSettings] | None:
+        """Return the present registers of the parts that run, or have delivered a sample; None if unknown."""
         return None
 
     def true_attitude(self, board_us: int) -> Pose | None:

@@ -26,6 +26,7 @@ FACTS = frozenset(
         "memory_use",
         "origin",
         "seed",
+        "sensor_settings",
         "stage",
         "truth",
     }
@@ -45,7 +46,7 @@ FACTS_WITH_REQUESTS = FACTS | {
 """Such members if the firmware answers requests."""
 FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "delivered_fields"}
 """Such members if it does not."""
-_LATER = frozenset({"delivered_fields", "request_cost"})
+_LATER = frozenset({"delivered_fields", "request_cost", "sensor_settings"})
 """Members that recordings of earlier versions lack."""
 
 

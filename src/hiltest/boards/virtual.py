@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hiltest.boards.bench import VirtualBench, default_firmware
-from hiltest.boards.board import Board, BoardKind, Declared, RequestCost, Truth
+from hiltest.boards.board import Board, BoardKind, Declared, PartSettings, RequestCost, Truth
 from hiltest.boards.delivered_samples import DeliveredSamples
 from hiltest.boards.faulty_port import add_faults
 from hiltest.boards.function_costs import FunctionCosts
@@ -222,6 +222,10 @@ class VirtualBoard(Board):
     def delivered_fields(self) -> Mapping[str, list[int]]:
         """Return the number and the sums of the samples that each magnetometer has delivered so far."""
         return self._bench.delivered_fields()
+
+    def sensor_settings(self) -> Sequence[PartSettings]:
+        """Return the present registers of the parts that run, or have delivered a sample."""
+        return self._bench.sensor_settings()
 
     def true_attitude(self, board_us: int) -> Pose | None:
         """Return the board's attitude at a time of its own clock [us]; None while a recording is played."""

@@ -83,14 +83,15 @@ _BY_FORM = {_form(name): kind for name, kind in KINDS.items()}
 def identify(name: str) -> NamedKind:
     """Return kind and subject of a measurement's name; no other function splits names.
 
-    A kind without a subject takes precedence: ``cycles.fusion.predict`` belongs to no calibrator.
+    A kind without a subject takes precedence: ``cycles.fusion.predict`` belongs to no calibrator. A subject of several
+    parts has dots between them, as in the name.
     """
     parts = name.split(".")
-    for marked in sorted(product((False, True), repeat=len(parts)), key=sum)[: len(parts) + 1]:
+    for marked in sorted(product((False, True), repeat=len(parts)), key=sum):
         form = tuple(_SUBJECT if is_subject else part for part, is_subject in zip(parts, marked, strict=True))
-        subject = "".join(part for part, is_subject in zip(parts, marked, strict=True) if is_subject)
-        if (kind := _BY_FORM.get(form)) is not None and (not subject or _SUBJECT_NAME.fullmatch(subject)):
-            return NamedKind(kind, subject)
+        subject = [part for part, is_subject in zip(parts, marked, strict=True) if is_subject]
+        if (kind := _BY_FORM.get(form)) is not None and all(map(_SUBJECT_NAME.fullmatch, subject)):
+            return NamedKind(kind, ".".join(subject))
     return NamedKind(None)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum, StrEnum
@@ -136,6 +137,8 @@ class Kind:
     """False for a measurement that says nothing about the firmware."""
     direction: bool = False
     """True for a direction [deg]: 330 and 30 are 60 apart, and ratios have no meaning."""
+    setting: bool = False
+    """True for a register of a sensor: any change is worse."""
     decided_by: str = ""
     """Name of the rms or mean, with the same subject, that decides between runs that do not share their noise, in place
     of a largest number or a median: a largest error is several times as noisy, and a median jumps. May be empty."""
@@ -191,5 +194,5 @@ class NamedKind:
 
 
 def _name(template: str, subject: str) -> str:
-    head, brace, rest = template.partition("{")
-    return head + subject + rest.partition("}")[2] if brace else template
+    parts = iter(subject.split("."))
+    return re.sub(r"\{\w+\}", lambda _: next(parts), template)

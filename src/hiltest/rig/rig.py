@@ -56,6 +56,7 @@ _KEPT_APART_OF = {
     "procedure": ("poses", "cost_reference"),
     "board": ("port", "timing", "firmware"),
     "field": ("latitude_deg", "longitude_deg", "altitude_m"),
+    "sensors": ("accepted_settings",),
 }
 
 
@@ -371,7 +372,7 @@ def conditions_sha256(rig: Rig) -> str:
 
     The digest excludes comments, limits, information, tolerances, names and counted functions; seed and poses, which
     are compared separately; the reference calibrator of costs; the port of a board; its timing profile, which cycles
-    carry; and the place, which only `hiltest doctor` reads.
+    carry; the place, which only `hiltest doctor` reads; and accepted settings of sensors.
     """
     content = _conditions(rig)
     content["link"]["mode"] = "stub"  # a removed key, which preserves earlier digests

@@ -10,6 +10,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
+from hiltest.measurement.sensor_registers import names_setting
+
 if TYPE_CHECKING:
     from hiltest.orientation.angles import Pose
 
@@ -161,8 +163,16 @@ class SensorChoice:
     accelerometer: str | None = None
     gyroscope: str | None = None
     """Names as in the board's identity; None for the first that answers."""
+    accepted_settings: tuple[str, ...] = ()
+    """Settings that the firmware may make although the models of the parts do not carry them out."""
 
     def __post_init__(self) -> None:
+        strangers = [text for text in self.accepted_settings if not names_setting(text)]
+        require(
+            not strangers,
+            "accepted_settings",
+            f"names {strangers}; name part, register and value as a run does, such as 'FXAS21002C CTRL_REG0 0x04'",
+        )
         require(self.magnetometer_noise_ut >= 0.0, "magnetometer_noise_ut", "must not be negative")
         require(
             0.0 < self.gyroscope_noise_mdps_per_rthz <= _NOISIEST_MDPS,

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.measurement import Better, Limit, Outcome, Tolerance
+from hiltest.measurement import Better, Limit, Outcome, Tolerance, identify
 
 
 class Change(StrEnum):
@@ -78,9 +78,16 @@ class Difference:
     None without a number on both sides."""
 
     @property
-    def concern(self) -> tuple[bool, bool, float, str]:
-        """Sort key: measurements out of a limit first, then those with a limit, then by tolerances moved."""
-        return self.outcome != Outcome.FAIL, self.limit is None, -self._tolerances_moved, self.name
+    def concern(self) -> tuple[bool, bool, bool, float, str]:
+        """Sort key: settings, measurements out of a limit, those with a limit, then by tolerances moved."""
+        out = self.outcome == Outcome.FAIL
+        return not self.is_changed_setting, not out, self.limit is None, -self._tolerances_moved, self.name
+
+    @property
+    def is_changed_setting(self) -> bool:
+        """True if it is a register of a sensor with another value than in the base, which may explain other changes."""
+        kind = identify(self.name).kind
+        return kind is not None and kind.setting and bool(self.delta)
 
     @property
     def _tolerances_moved(self) -> float:

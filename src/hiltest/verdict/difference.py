@@ -13,11 +13,13 @@ from hiltest.measurement import (
     Measurement,
     Tolerance,
     better_of,
+    identify,
     is_beyond,
     is_direction,
     round_significant,
     tolerance_of,
 )
+from hiltest.measurement.sensor_registers import MOMENTS, Setting
 from hiltest.run_record.comparison import Change, Difference
 from hiltest.verdict.chance import Chance, chance_of, changes_of, flash_tolerance, moves
 from hiltest.verdict.evidence import Seed
@@ -133,6 +135,9 @@ def _paired_change(
     base: Sequence[float], new: Sequence[float], better: Better, pairs: Pairs, chance: Chance
 ) -> tuple[Change, str]:
     """Return the change of paired numbers, with a remark if the numbers do not explain it."""
+    named = identify(pairs.name)
+    if named.kind is not None and named.kind.setting:
+        return _setting_change(named.subject, base, new, chance.tolerance)
     change, remark = _mean_change(base, new, better, chance)
     way, alone = _single_seed_change(base, new, better, chance.tolerance) if chance.shared else (change, [])
     if alone and (change in (Change.UNCHANGED, way) or way is Change.WORSE):
@@ -141,6 +146,18 @@ def _paired_change(
     if change is Change.UNCHANGED and pairs.not_offered:
         change = Change.CHANGED
     return change, "; ".join(filter(None, (again, remark)))
+
+
+def _setting_change(
+    subject: str, base: Sequence[float], new: Sequence[float], tolerance: Tolerance
+) -> tuple[Change, str]:
+    """Return the change of a sensor's register, with the meaning of its first change on any seed."""
+    part, register, moment = subject.split(".")
+    for was, now in zip(base, new, strict=True):
+        if _exceeds([was], [now], tolerance):
+            change = Setting(part, register, int(now)).describe_change(int(was))
+            return Change.WORSE, f"{change} ({MOMENTS.get(moment, moment)})"
+    return Change.UNCHANGED, ""
 
 
 def _mean_change(base: Sequence[float], new: Sequence[float], better: Better, chance: Chance) -> tuple[Change, str]:

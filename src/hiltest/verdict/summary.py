@@ -23,6 +23,7 @@ from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, va
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 from hiltest.verdict.reported_headings import FIRMWARE, next_step
+from hiltest.verdict.wording import entry
 
 CLOSE = 0.05
 """A measurement is close to its limit if it is nearer than this fraction of it."""
@@ -75,7 +76,7 @@ class Summary:
     failures: tuple[Failure, ...]
     """Failures, one of each calibrator first."""
     causes: tuple[str, ...]
-    """Likely causes, one of each kind; that of the first failure comes first."""
+    """Likely causes: changed settings of sensors, then one of each kind; that of the first failure comes first."""
     broken: tuple[TestResult, ...]
     """Tests that are red for another reason than a limit."""
     unset: tuple[Measurement, ...]
@@ -110,9 +111,11 @@ def summarise(run: Run | Findings) -> Summary:
     near = [measurement for measurement in unset if measurement.outcome is Outcome.CANNOT_TELL]
     unmeasured = [measurement for measurement in unset if broken and measurement.value is None and not measurement.test]
     of_failures = [causes[failure.measurement.subject] for failure in failures if failure.cause]
+    differences = run.comparison.differences if run.comparison and (failed or broken) else ()
+    settings = [entry(difference) for difference in differences if difference.is_changed_setting]
     return Summary(
         failures=tuple(failures),
-        causes=_distinct_causes([*of_failures, *causes.values()]),
+        causes=(*settings, *_distinct_causes([*of_failures, *causes.values()])),
         broken=broken,
         unset=tuple(measurement for measurement in unset if measurement not in unmeasured),
         unmeasured=tuple(unmeasured),

@@ -91,8 +91,8 @@ def seen_from(difference: Difference) -> str:
 
 
 def entry(difference: Difference) -> str:
-    """Return a measurement's name and numbers."""
-    return f"{difference.name} {numbers(difference)}"
+    """Return a measurement's name and numbers; for a changed setting of a sensor the change in words."""
+    return difference.note if difference.is_changed_setting else f"{difference.name} {numbers(difference)}"
 
 
 def moved(difference: Difference) -> str:

@@ -45,6 +45,10 @@ class FaultyPart(Restorable):
         """Bytes that were read from the present or last part, by register."""
         return self._part.transferred
 
+    def settings(self) -> dict[int, int]:
+        """Return the registers of the present or last part that firmware can write, by address."""
+        return self._part.settings()
+
     @property
     def temperature_register(self) -> int:
         """Register of the die temperature."""

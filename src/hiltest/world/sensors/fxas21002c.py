@@ -105,6 +105,11 @@ class Fxas21002c(RegisterDevice):
         """Return whether the boot sequence is over."""
         return time_s >= self._boot_over_s
 
+    def settings(self) -> dict[int, int]:
+        """Return the present values of the registers that firmware can write, by address."""
+        controls = zip((CTRL_REG0, CTRL_REG1, CTRL_REG2, CTRL_REG3), self._control, strict=True)
+        return {F_SETUP: self._fifo.setup, **self._plain, **dict(controls)}
+
     def release(self) -> None:
         """End a burst read."""
         self._output.release()

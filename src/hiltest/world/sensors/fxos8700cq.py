@@ -169,6 +169,10 @@ class Fxos8700cq(RegisterDevice):
         """Return whether the part answers: always, except in the millisecond of a software reset."""
         return time_s >= self._answers_from_s
 
+    def settings(self) -> dict[int, int]:
+        """Return the present values of the registers that firmware can write, by address."""
+        return {address: value for address, value in enumerate(self._registers) if address not in _READ_ONLY}
+
     def release(self) -> None:
         """End a burst read."""
         self._accelerometer.release()

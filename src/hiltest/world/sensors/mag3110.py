@@ -22,7 +22,7 @@ OFF_X_MSB, OFF_Z_LSB, DIE_TEMP, CTRL_REG1, CTRL_REG2 = 0x09, 0x0E, 0x0F, 0x10, 0
 _IDENTITY = 0xC4
 
 _AC, _TM, _FR = 0x01, 0x02, 0x04  # CTRL_REG1: active, trigger, fast read
-_RAW = 0x20  # CTRL_REG2: outputs without the user offset
+_AUTO_RESET, _RAW = 0x80, 0x20  # CTRL_REG2: a magnetic reset before each sample; outputs without the user offset
 #: Rms noise at oversampling 16, 32, 64, 128, data sheet [uT].
 DATA_SHEET_NOISE_UT = (0.4, 0.35, 0.3, 0.25)
 COUNTS_PER_UT = 10.0
@@ -84,10 +84,17 @@ class Mag3110(RegisterDevice):
         self.outputs = (self._output,)
         self._control1 = 0
         self._control2 = 0
+        self._auto_reset = 0  # of CTRL_REG2, write-only
         self._offsets = [0, 0, 0]  # register words; the value is in bits 15..1
         self._oversampling = 0
         self._active = False
         self._standby_s: float | None = None  # time at which a part will be in standby after the command
+
+    def settings(self) -> dict[int, int]:
+        """Return the present values of the registers that firmware can write, by address."""
+        offsets = b"".join(word.to_bytes(2, "big") for word in self._offsets)
+        controls = {CTRL_REG1: self._control1, CTRL_REG2: self._auto_reset | self._control2}
+        return dict(enumerate(offsets, OFF_X_MSB)) | controls
 
     def release(self) -> None:
         """End a burst read."""
@@ -147,8 +154,8 @@ class Mag3110(RegisterDevice):
         elif register == CTRL_REG1:
             self._write_control1(value, time_s)
         elif register == CTRL_REG2 and not self._active:
-            # AUTO_MRST_EN (b7) is write-only and Mag_RST (b4) clears itself: only RAW stays.
-            self._control2 = value & _RAW
+            # AUTO_MRST_EN (b7) reads as 0, and Mag_RST (b4) clears itself.
+            self._auto_reset, self._control2 = value & _AUTO_RESET, value & _RAW
         return True
 
     def _write_control1(self, value: int, time_s: float) -> None:

@@ -89,6 +89,10 @@ class RegisterDevice(ABC, Restorable):
         """Return whether the part answers its address now."""
         return True
 
+    def settings(self) -> dict[int, int]:
+        """Return the present values of the registers that firmware can write, by address; empty if unknown."""
+        return {}
+
     def settle(self, time_s: float) -> None:
         """Perform pending transitions in time, before an access."""
 
