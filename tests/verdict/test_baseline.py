@@ -319,6 +319,11 @@ def test_a_review_passes_accepted_changes_and_lists_them_with_their_reasons(base
     notes = {change.name: change.note.rpartition("; ")[2] for change in comparison.differences_with(Change.CHANGED)}
     assert notes == dict.fromkeys(("compass.lag", "cycles.direct.total"), "accepted: it checks more")
     assert comparison_code(reviewed(after, after)) == 0
+    dearer = tuple(
+        replace(row, values=(13_000, 13_000)) if row.name == "cycles.direct.total" else row
+        for row in after.measurements
+    )
+    assert comparison_code(reviewed(after, replace(after, measurements=dearer))) == 21, "the reason was for 12 000"
 
 
 @pytest.mark.parametrize(
@@ -342,6 +347,12 @@ def test_a_review_refuses_a_laxer_number_that_nobody_accepted(
     ]
     comparison = reviewed(before, replace(before, measurements=tuple(rows)))
     assert (comparison_code(comparison), name in comparison.sentence) == (code, True), comparison.sentence
+
+
+def test_a_test_that_was_removed_on_purpose_needs_a_baseline_that_was_saved_again(baseline: Baseline) -> None:
+    before = replace(baseline, passed=("test_heading.py::test_north",))
+    assert comparison_code(reviewed(before, baseline)) == 22
+    assert comparison_code(reviewed(before, renewed(baseline, before))) == 0
 
 
 def test_a_baseline_that_was_saved_anew_for_another_rig_is_accepted_as_a_whole_and_says_so(baseline: Baseline) -> None:
