@@ -1,4 +1,4 @@
-"""What ``pytest-benchmark compare`` finds in this folder: device cycles are shown in cycles."""
+"""Hooks for `pytest-benchmark compare` in this folder: device cycles are shown in cycles."""
 
 from __future__ import annotations
 

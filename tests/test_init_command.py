@@ -312,3 +312,9 @@ def test_types_within_types_without_end_do_not_hold_it_up(
     proposed = propose(compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, source))
     assert "more than 20000 variables and members" in proposed.text
     assert proposed.rig.device is not None
+
+
+def test_the_copied_baseline_has_the_digest_of_the_copied_hooks(tmp_path: Path) -> None:
+    assert run("init", str(tmp_path)) == 0
+    hooks = (ROOT / "conftest.py").read_bytes()  # the baseline is saved in that folder
+    assert (tmp_path / "conftest.py").read_bytes() == hooks

@@ -37,6 +37,7 @@ PRINTING = {
         "base.json",
         "dearer.json",
     ),
+    "baseline review": ("baseline", "review", "base.json", "base.json"),
     "calibrate": ("calibrate",),
     "compare": ("compare", "base.json", "run.json", "--detect", "0.05deg"),
     "decode": ("decode", "packets.bin"),

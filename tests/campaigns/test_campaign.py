@@ -87,7 +87,7 @@ def test_only_a_missed_limit_may_be_allowed(
     monkeypatch.chdir(tmp_path)
     code = hiltest_main("run", "--seeds", "1..1", "--may-fail", "1", "--rig", "mine.toml")
     last = capsys.readouterr().out.rstrip().splitlines()[-1]
-    begins = "0 of 1 seeds pass (not: 1), 1 may fail"
+    begins = "0 of 1 seeds pass (not: 1), all of them may fail"
     assert (code, last) == (
         (0, f"{begins}: PASS.") if excused else (1, f"{begins}, but only by a limit (not: 1): FAIL.")
     )
@@ -136,6 +136,7 @@ def test_the_sentence_says_how_many_passed_and_the_worst() -> None:
         "2 of 3 seeds pass (not: 2), 1 may fail; heading.direct.max median 1.10, worst 1.90 deg: PASS."
     )
     assert campaign_sentence(results, spreads_of(results), may_fail=0).endswith(": FAIL.")
+    assert "seeds pass (not: 2), all of them may fail;" in campaign_sentence(results, spreads_of(results), may_fail=3)
 
 
 class TestFolder:

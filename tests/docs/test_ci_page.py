@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ import pytest
 import yaml
 
 from hiltest import __version__
+from hiltest.verdict.baseline_file import read_baseline, to_json
+from hiltest.verdict.evidence import Accepted
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
@@ -41,6 +43,7 @@ INSTALL_COMPILER = (
 FIRMWARE = ROOT / "firmware_stub"
 ELF = Path("build") / "mine.elf"
 RUN = "Run on the virtual board"
+REVIEW = "Review the changes to the baseline"
 SHAS = {"green": "a" * 40, "red": "b" * 40}
 
 # Of three runs on the main branch; the record of one is gone.
@@ -118,6 +121,8 @@ def run_job(folder: Path, sha: str) -> dict[str, Ran]:
         red = any(item.code for item in ran.values())
         if "run" not in step or (red and "!cancelled()" not in step.get("if", "")):
             continue
+        if "github.base_ref" in step.get("if", ""):
+            continue  # of a pull request
         summary = folder.parent / f"summary-{number}.md"  # one of its own a step, as GitHub has it
         command = "true" if step["run"] in (INSTALL, INSTALL_COMPILER) else step["run"]
         done = sh(command, folder, env=environment(folder, summary) | checkout_of(sha) | step.get("env", {}))
@@ -224,7 +229,7 @@ def test_a_red_job_still_keeps_its_record(red: tuple[Path, dict[str, Ran]]) -> N
     assert "!cancelled()" in upload["if"]
     names = {path.name for path in (folder / upload["with"]["path"]).iterdir()}
     assert {"run.json", "report.html", "report.md", "junit.xml", "numbers.bmf"} <= names
-    assert len(list(commands())) == len(ran)
+    assert len(list(commands())) - 1 == len(ran), "the baseline is reviewed in a pull request"
 
 
 def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(set_up: Path) -> None:
@@ -308,6 +313,66 @@ def test_every_input_of_the_action_reaches_the_run(tmp_path: Path) -> None:
     ]
     unclosed = sh(step["run"], tmp_path, env=target | step["env"] | {"OPTIONS": "-k 'heading"})
     assert (unclosed.returncode != 0, unclosed.stdout) == (True, ""), "it does not run without what was asked for"
+
+
+@pytest.fixture
+def pull_request(tmp_path: Path) -> Path:
+    """A checked-out pull request, in which the branch that it is merged into is not yet fetched."""
+    origin, clone = tmp_path / "origin", tmp_path / "clone"
+    (origin / BASELINE).parent.mkdir(parents=True)
+    shutil.copy(COMMITTED, origin / BASELINE)
+    git = "git -c user.name=a -c user.email=a@example.com"
+    commands = (
+        f"git init -q -b main && git add . && {git} commit -qm base && git clone -q --depth=1 file://{origin} {clone}"
+    )
+    done = sh(f"{commands} && git -C {clone} update-ref -d refs/remotes/origin/main", origin)
+    assert done.returncode == 0, done.stderr
+    return clone
+
+
+def reviewed(clone: Path) -> Ran:
+    """Run the step of the action that reviews the baseline."""
+    (step,) = [step for step in STEPS if step.get("name") == REVIEW]
+    summary = clone.parent / "summary.md"
+    job = {"GITHUB_BASE_REF": "main", "RUNNER_TEMP": str(clone.parent)}
+    done = sh(step["run"], clone, env=environment(clone, summary) | job | step["env"])
+    return Ran(done.returncode, done.stdout + done.stderr, summary.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("because", "code", "row"),
+    [
+        (None, 21, "| worse | cycles.direct.total |"),
+        ("a division a fit", 0, "accepted: a division a fit |"),
+    ],
+    ids=["sealed again", "accepted"],
+)
+def test_a_pull_request_that_makes_the_baseline_laxer_is_red_unless_it_gives_a_reason(
+    pull_request: Path, because: str | None, code: int, row: str
+) -> None:
+    before = read_baseline(pull_request / BASELINE)
+    rows = [
+        replace(item, values=tuple(value and 2 * value for value in item.values))
+        if item.name == "cycles.direct.total"
+        else item
+        for item in before.measurements
+    ]
+    reasons = () if because is None else (Accepted("cycles.direct.total", because, "", "", None, None),)
+    after = replace(before, measurements=tuple(rows), history=(*before.history, *reasons))
+    (pull_request / BASELINE).write_text(to_json(after), encoding="utf-8")
+    ran = reviewed(pull_request)
+    assert ran.code == code, ran.said
+    assert row in ran.summary
+
+
+def test_a_pull_request_without_a_change_to_the_baseline_passes_and_a_new_baseline_is_named(pull_request: Path) -> None:
+    assert reviewed(pull_request).code == 0
+    sh("git checkout -q --orphan other && git rm -rfq . && touch none && git add none", pull_request.parent / "origin")
+    commit = "git -c user.name=a -c user.email=a@example.com commit -qm other && git branch -f main other"
+    assert sh(commit, pull_request.parent / "origin").returncode == 0
+    sh("git update-ref -d refs/remotes/origin/main", pull_request)
+    ran = reviewed(pull_request)
+    assert (ran.code, "The baseline is new: main has none of this name." in ran.summary) == (0, True), ran.said
 
 
 def test_the_page_names_the_inputs_of_the_action() -> None:

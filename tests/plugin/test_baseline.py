@@ -393,6 +393,45 @@ def test_the_sentence_is_word_for_word_the_same_wherever_the_page_says(
     assert sentence in compared.stdout.splitlines()
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('"values": [2.0]', '"values": [3.0]'),
+        ('"absolute": 0.0', '"absolute": 1000000000.0'),
+        (' {"name": "lamp.current"', ' {"name": "lamp.other"'),
+        ('"digest": "', '"digest": "0'),
+        ('"digest":', '"was_digest":'),
+    ],
+    ids=["a value", "a tolerance", "a name", "the digest", "no digest"],
+)
+@pytest.mark.usefixtures("base")
+def test_an_edited_baseline_is_no_base_and_the_line_to_run_makes_it_one(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, before: str, after: str
+) -> None:
+    assert hiltest("baseline", "save", "base", "base.json").returncode == 0
+    text = (pytester.path / "base.json").read_text(encoding="utf-8")
+    assert before in text
+    (pytester.path / "base.json").write_text(text.replace(before, after, 1), encoding="utf-8")
+    monkeypatch.setenv("LAMP_CURRENT", "3")
+    code, sentence = judged(pytester, base="base.json")
+    assert (code, record(pytester)["tests"]) == (22, [])
+    (command,) = re.findall(r"\(hiltest (baseline save RUN base\.json)\)", sentence)
+    assert hiltest(*command.replace("RUN", "base").split()).returncode == 0
+    assert judged(pytester, base="base.json")[0] == 21
+
+
+@pytest.mark.usefixtures("base")
+def test_the_files_of_tests_that_differ_from_the_baseline_are_named(pytester: pytest.Pytester) -> None:
+    assert hiltest("baseline", "save", "base", "base.json").returncode == 0
+    assert judged(pytester, base="base.json")[0] == 0
+    assert "Tests differ" not in record(pytester)["comparison"]["remark"]
+    pytester.makeconftest("")
+    pytester.makepyfile(test_lamp=LAMP + "# edited\n")
+    assert judged(pytester, base="base.json")[0] == 0
+    remark = record(pytester)["comparison"]["remark"]
+    assert remark.endswith("Tests differ from those of the base: ./conftest.py, test_lamp.py.")
+
+
 @pytest.mark.usefixtures("base")
 @pytest.mark.parametrize("by", ["", "option", "environment"])
 def test_a_gate_on_the_packaged_firmware_says_so_where_nobody_named_one(
@@ -405,5 +444,6 @@ def test_a_gate_on_the_packaged_firmware_says_so_where_nobody_named_one(
     assert result.ret == 0
     remark = "The packaged firmware was compared: name yours with --firmware ELF."
     assert (remark in result.stdout.str()) is not bool(by)
-    assert record(pytester)["comparison"]["remark"] == ("" if by else remark)
+    same = "Both sides ran the same firmware file."
+    assert record(pytester)["comparison"]["remark"] == (same if by else f"{remark} {same}")
     assert (remark in (pytester.path / "hil-out" / "report.html").read_text(encoding="utf-8")) is not bool(by)

@@ -42,9 +42,11 @@ def test_what_changed_is_shown_worst_first_with_limit_and_tolerance(run: Run) ->
     assert rows == [
         "| worse | cycles.direct.total | 11 061 cycle | 11 161 cycle | +100, +0.9 % | exact | at most 12 500 | pass |",
         "| gone | fusion.kalman.max | 1.2 deg | - |  |  |  |  |",
-        "| better | heading.direct.max | 0.97 deg | 0.75 deg | -0.22, -23 % | 0.05 deg and 2 % | at most 1.8 | pass |",
+        "| better | heading.direct.max | 0.97 deg | 0.75 deg | -0.22, 4.4 times its tolerance | 0.05 deg and 2 % "
+        "| at most 1.8 | pass |",
         "| new | link.errors | - | 0 |  |  | at most 1.8 | pass |",
-        "| changed | heading.direct.worst\\_sector | 200 deg | 230 deg | +30 | 0.05 deg and 2 % | at most 1.8 | pass |",
+        "| changed | heading.direct.worst\\_sector | 200 deg | 230 deg | +30, 7.5 times its tolerance "
+        "| 0.05 deg and 2 % | at most 1.8 | pass |",
     ]
 
 
@@ -71,7 +73,9 @@ def test_a_gate_that_was_not_evaluated_says_why(run: Run) -> None:
 
 def test_the_interval_over_seeds_is_told(run: Run) -> None:
     paired = difference("heading.direct.max", Change.WORSE, 0.9, 1.2, interval=(0.25, 0.35), seeds=8)
-    assert "+0.3, +33 %, 95 % +0.25 to +0.35 |" in markdown_report(replace(run, comparison=comparison(paired)))
+    assert "+0.3, 6 times its tolerance, 95 % +0.25 to +0.35 |" in markdown_report(
+        replace(run, comparison=comparison(paired))
+    )
 
 
 def test_a_comparison_of_nothing_says_so(run: Run) -> None:

@@ -278,16 +278,18 @@ class TestFolder:
         later.release()
         assert read_record(cut_short.parent).run == before
 
-    def test_a_run_whose_end_is_in_the_journal_alone_has_its_verdict(
+    def test_a_run_whose_end_is_in_the_journal_alone_has_its_verdict_and_its_suites(
         self, begin: Begin, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         recorder = begin()
+        recorder.findings.suites = {"test_heading.py": "ab"}
         monkeypatch.setattr("hiltest.run_record.recorder.write_run", _no_room)
         with pytest.raises(OSError, match="full"):
             recorder.finish(PASSED)
         recorder.release()
         assert [path.name for path in recorder.folder.iterdir()] == [JOURNAL_FILE]
-        assert read_record(recorder.folder).run.verdict == PASSED
+        run = read_record(recorder.folder).run
+        assert (run.verdict, run.suites) == (PASSED, {"test_heading.py": "ab"})
 
     def test_a_folder_without_any_record_is_refused(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=r"no record of a run: neither run\.json nor a line in journal\.jsonl"):

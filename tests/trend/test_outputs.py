@@ -57,7 +57,7 @@ def test_the_plots_come_first_then_what_changed_in_each_run() -> None:
     of_run_4 = page[page.index('id="change-2"') : page.index("Without a change point")].replace("\xa0", " ")
     assert of_run_4.count("build b0 -&gt; b1") == 1, "said once for all that changed in a run"
     names = re.findall(r'<th scope="row" class="name">([^<]*)<', of_run_4)
-    assert names == ["cycles.direct.total", "heading.direct.max"], "what has a limit first"
+    assert names == ["heading.direct.max", "cycles.direct.total"], "the farthest first"
     moved = "+100, +0.9 %; limit at most 12 500; heading.direct.max 1.00 -&gt; 2.00 deg"
     assert f"11 061 -&gt; 11 161 cycles ({moved})" in of_run_4
 

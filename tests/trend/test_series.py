@@ -169,8 +169,8 @@ def test_of_one_run_what_got_worse_stands_first_and_the_farthest_before_all() ->
     assert [step.difference.name for step in trend.change_points] == [
         "heading.b.max",
         "heading.a.max",
-        "cycles.direct.total",
         "fit.a.residual",
+        "cycles.direct.total",
         "heading.a.worst_sector",
-    ]  # the cycles have a limit
+    ]
     assert "the last in run 2: heading.b.max 0.9 -> 1.5 deg" in sentence(trend)

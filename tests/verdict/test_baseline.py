@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import EXACT, Limit, Outcome, Tolerance
-from hiltest.run_record.comparison import Change
-from hiltest.verdict.baseline import Accepted, Baseline, accept, baseline_of, evidence_from
+from hiltest.run_record.comparison import Change, Comparison
+from hiltest.run_record.exit_codes import comparison_code
+from hiltest.verdict.baseline import Baseline, accept, baseline_of, evidence_from, renewed
 from hiltest.verdict.baseline_file import read_baseline, to_json
-from hiltest.verdict.compare import compare
-from hiltest.verdict.evidence import Evidence
+from hiltest.verdict.compare import compare, review
+from hiltest.verdict.evidence import Accepted, Evidence
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.verdict.wording import build
 
@@ -229,7 +231,7 @@ def test_a_run_that_was_cut_short_is_no_baseline() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ('"hiltest.baseline/1"', '"hiltest.baseline/2"', "this hiltest reads"),
+        ('"hiltest.baseline/2"', '"hiltest.baseline/3"', "this hiltest reads"),
         ("[0.9, 1.8]", "[0.9]", "1 values for 2 seeds"),
         ("[0.9, 1.8]", "[0.9, NaN]", "not JSON: NaN is not a number"),
         ("[0.9, 1.8]", '[0.9, "1.8"]', "measurements.2.values.1"),
@@ -277,5 +279,87 @@ def test_the_sense_of_one_s_own_measurement_goes_through_a_baseline(tmp_path: Pa
     assert (difference.name, difference.limit) == ("compass.lag", Limit(max=10))
     text = file.read_text(encoding="utf-8")
     assert text.count('"limit"') == 1  # one that has none is written as ever
-    file.write_text(text.replace(', "limit": {"min": null, "max": 10}', ""), encoding="utf-8")
+    older = text.replace("hiltest.baseline/2", "hiltest.baseline/1").replace(', "limit": {"min": null, "max": 10}', "")
+    file.write_text(older, encoding="utf-8")
     assert {row.limit for row in read_baseline(file).measurements} == {None}
+
+
+def test_a_file_without_digest_is_compared_and_said_not_to_be_sealed_until_it_is_updated(
+    baseline: Baseline, tmp_path: Path
+) -> None:
+    file = tmp_path / "base.json"
+    older = to_json(baseline).replace("hiltest.baseline/2", "hiltest.baseline/1").replace("11061", "11060")
+    file.write_text(older, encoding="utf-8")
+    comparison = compare(read_evidence(file), run(11_060))
+    assert comparison.evaluated
+    assert comparison.remark == f"{file}: not sealed, since the file has no digest of its content."
+    after = accept(read_baseline(file), run(), ["cycles.*"], because="counted again", when_utc=NOW)
+    file.write_text(to_json(after, json.loads(older)), encoding="utf-8")
+    assert compare(read_evidence(file), run()).remark == ""
+
+
+def test_a_tolerance_that_neither_catalogue_nor_rig_states_is_refused_by_name(baseline: Baseline) -> None:
+    rows = tuple(replace(row, tolerance=Tolerance(1e9, 0.0)) for row in baseline.measurements[:1])
+    wide = evidence_from(replace(baseline, measurements=rows + baseline.measurements[1:]), "base.json", "")
+    (obstacle,) = compare(wide, run()).obstacles
+    assert obstacle.startswith("tolerance of compass.lag: base.json has a wider one than the catalogue")
+    assert "`hiltest baseline update base.json run.json --accept compass.lag --because TEXT`" in obstacle
+    stated = replace(run(), tolerances={"compass.lag": Tolerance(1e9, 0.0)})
+    assert compare(wide, stated).evaluated
+
+
+def reviewed(before: Baseline, after: Baseline) -> Comparison:
+    return review(evidence_from(before, "before.json", ""), evidence_from(after, "after.json", ""))
+
+
+def test_a_review_passes_accepted_changes_and_lists_them_with_their_reasons(baseline: Baseline) -> None:
+    after = accept(baseline, run(12_000, lag=None), ["cycles.*", "compass.*"], because="it checks more", when_utc=NOW)
+    comparison = reviewed(baseline, after)
+    assert comparison_code(comparison) == 0
+    notes = {change.name: change.note.rpartition("; ")[2] for change in comparison.differences_with(Change.CHANGED)}
+    assert notes == dict.fromkeys(("compass.lag", "cycles.direct.total"), "accepted: it checks more")
+    assert comparison_code(reviewed(after, after)) == 0
+    dearer = tuple(
+        replace(row, values=(13_000, 13_000)) if row.name == "cycles.direct.total" else row
+        for row in after.measurements
+    )
+    assert comparison_code(reviewed(after, replace(after, measurements=dearer))) == 21, "the reason was for 12 000"
+
+
+@pytest.mark.parametrize(
+    ("edit", "code", "name"),
+    [
+        ({"values": (20_000, 20_000)}, 21, "1 worse: cycles.direct.total 11 061 -> 20 000 cycles"),
+        (None, 22, "measurement missing: cycles.direct.total"),
+        ({"tolerance": Tolerance(0.0, 0.5)}, 22, "tolerance widened: cycles.direct.total"),
+        ({"values": (11_060, 11_060)}, 0, "1 better: cycles.direct.total"),
+    ],
+)
+def test_a_review_refuses_a_laxer_number_that_nobody_accepted(
+    baseline: Baseline, edit: dict[str, Any] | None, code: int, name: str
+) -> None:
+    before = replace(baseline, measurements=tuple(replace(row, tolerance=EXACT) for row in baseline.measurements))
+    is_edited = {row.name: row.name == "cycles.direct.total" for row in before.measurements}
+    rows = [
+        replace(row, **(edit or {})) if is_edited[row.name] else row
+        for row in before.measurements
+        if edit is not None or not is_edited[row.name]
+    ]
+    comparison = reviewed(before, replace(before, measurements=tuple(rows)))
+    assert (comparison_code(comparison), name in comparison.sentence) == (code, True), comparison.sentence
+
+
+def test_a_test_that_was_removed_on_purpose_needs_a_baseline_that_was_saved_again(baseline: Baseline) -> None:
+    before = replace(baseline, passed=("test_heading.py::test_north",))
+    assert comparison_code(reviewed(before, baseline)) == 22
+    assert comparison_code(reviewed(before, renewed(baseline, before))) == 0
+
+
+def test_a_baseline_that_was_saved_anew_for_another_rig_is_accepted_as_a_whole_and_says_so(baseline: Baseline) -> None:
+    another = replace(run(12_000), conditions=replace(CONDITIONS, rig_sha256="cd" * 32))
+    comparison = reviewed(baseline, renewed(baseline_of(another, NOW), baseline))
+    assert comparison_code(comparison) == 0
+    assert comparison.remark.startswith("The baseline was saved anew: another rig: ")
+    same_rig = renewed(baseline_of(run(12_000), NOW), baseline)
+    assert comparison_code(reviewed(baseline, same_rig)) == 21, "a worse number is accepted by its name"
+    assert comparison_code(reviewed(baseline, baseline_of(another, NOW))) == 22, "its history is gone"

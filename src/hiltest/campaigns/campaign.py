@@ -345,7 +345,8 @@ def campaign_sentence(
     passed = sum(result.exit_code == 0 for result in results)
     failed = [result.seed for result in results if result.exit_code]
     which = f" (not: {_seed_list(failed)})" if failed else ""
-    allowed = f", {may_fail} may fail" if may_fail else ""
+    number = "all of them" if may_fail >= len(results) else may_fail
+    allowed = f", {number} may fail" if may_fail else ""
     if may_fail and (inexcusable := _inexcusable_seeds(results)):
         allowed += f", but only by a limit (not: {_seed_list(inexcusable)})"
     headings = [

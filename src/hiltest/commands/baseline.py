@@ -14,6 +14,7 @@ from hiltest.errors import ConfigError
 from hiltest.text import format_count, format_number
 
 if TYPE_CHECKING:
+    from hiltest.report.comparison_text import Comparisons
     from hiltest.verdict.baseline import Baseline, BaselineRow
 
 _EXIT_CODES = """
@@ -23,6 +24,16 @@ Exit codes:
   2   interrupted
   4   usage: a file cannot be read or written, the run is incomplete, no
       measurement has that name, or --accept changes nothing
+"""
+_REVIEW_EXIT_CODES = """
+\b
+Exit codes:
+  0   every change that lets more pass was accepted by name
+  2   interrupted
+  4   usage: a file cannot be read, or is not a baseline
+  21  a measurement is worse, and was not accepted
+  22  a measurement was removed or its tolerance widened, and was not accepted,
+      or the baselines cannot be compared
 """
 _PATH = click.Path(path_type=Path)
 
@@ -144,12 +155,39 @@ def update(file: Path, run: tuple[Path, ...], names: tuple[str, ...], because: s
     return 0, Updated(str(file), changes, len(after.measurements))
 
 
+@baseline.command(epilog=_REVIEW_EXIT_CODES)
+@documented("hiltest.comparison/1")
+@click.argument("old", type=_PATH)
+@click.argument("new", type=_PATH)
+def review(old: Path, new: Path) -> tuple[int, Comparisons]:
+    """List the changes from the baseline OLD to its later version NEW, with the reasons of accepted ones.
+
+    In a job of GitHub Actions the list is also appended to the summary.
+    """
+    from hiltest.report.comparison_text import Comparisons, print_comparison
+    from hiltest.report.console import standard_output
+    from hiltest.report.job_summary import append_to_job_summary
+    from hiltest.report.markdown import comparison_lines
+    from hiltest.run_record.exit_codes import comparison_code
+    from hiltest.verdict import compare
+    from hiltest.verdict.baseline import evidence_from
+    from hiltest.verdict.baseline_file import read_baseline
+
+    before, after = (evidence_from(read_baseline(file), str(file), "") for file in (old, new))
+    comparison = compare.review(before, after)
+    print_comparison(standard_output(), comparison)
+    page = "\n".join(comparison_lines(comparison, "Changes to the baseline")) + "\n"
+    if remark := append_to_job_summary(page, new):
+        click.echo(remark)
+    return comparison_code(comparison), Comparisons([comparison], None)
+
+
 def _existing_baseline(file: Path) -> Baseline | None:
     """Return the existing baseline; None without one."""
     from hiltest.verdict.baseline_file import read_baseline
 
     try:
-        return read_baseline(file)
+        return read_baseline(file, to_replace=True)
     except ConfigError as error:
         if not (os.path.isfile(file) or os.path.isdir(file)):  # a new name, or a device, which stores nothing
             return None

@@ -20,10 +20,15 @@ from hiltest.session.settings import file_name
 _FOLDERS = ("suites", "rigs", "benchmarks")
 _BASELINE = Path("baselines", "virtual-k64f.json")
 """Baseline of the default rig with the packaged firmware."""
-_CONFTEST = '''"""What `pytest-benchmark compare` finds in this folder: device cycles are shown in cycles."""
+_CONFTEST = '''"""Hooks for `pytest-benchmark compare` in this folder: device cycles are shown in cycles."""
 
-from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit  # noqa: F401
+from __future__ import annotations
+
+from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit
+
+__all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]
 '''
+"""Equal to the file of hiltest's own repository, whose digest is in that baseline."""
 _LONGEST_NAME = 64  # of a rig
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 

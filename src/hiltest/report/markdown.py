@@ -21,9 +21,9 @@ def markdown_report(run: Run) -> str:
     return "\n".join(_lines(run)) + "\n"
 
 
-def comparison_lines(comparison: Comparison) -> Iterator[str]:
+def comparison_lines(comparison: Comparison, heading: str = "Against the baseline") -> Iterator[str]:
     """Yield the lines of a comparison: its sentence, its obstacles, and all changes."""
-    yield from ("", "## Against the baseline", "", plain_text(comparison.sentence))
+    yield from ("", f"## {heading}", "", plain_text(comparison.sentence))
     if comparison.remark:
         yield from ("", plain_text(comparison.remark))
     if comparison.obstacles:

@@ -78,10 +78,9 @@ class Difference:
     None without a number on both sides."""
 
     @property
-    def concern(self) -> tuple[bool, bool, bool, float, str]:
-        """Sort key: settings, measurements out of a limit, those with a limit, then by tolerances moved."""
-        out = self.outcome == Outcome.FAIL
-        return not self.is_changed_setting, not out, self.limit is None, -self._tolerances_moved, self.name
+    def concern(self) -> tuple[bool, bool, float, str]:
+        """Sort key: settings, measurements out of a limit, then by weight."""
+        return not self.is_changed_setting, self.outcome != Outcome.FAIL, -self.weight, self.name
 
     @property
     def is_changed_setting(self) -> bool:
@@ -90,7 +89,8 @@ class Difference:
         return kind is not None and kind.setting and bool(self.delta)
 
     @property
-    def _tolerances_moved(self) -> float:
+    def weight(self) -> float:
+        """Change as a multiple of the tolerance; if that is exact, in percent of the base."""
         if self.delta is None or self.base is None:
             return 0.0
         relative = self.tolerance.relative or (0.0 if self.tolerance.absolute else ONE_OF_EXACT)
@@ -137,6 +137,8 @@ class Side:
     """Measurements of a baseline that come from other builds than `build_id`, by build."""
     revision: Revision | None = None
     """Sources that the run was made for."""
+    firmware_sha256: str = ""
+    """Digest of the firmware's file; empty if unknown, as in older records."""
 
 
 @dataclass(frozen=True, slots=True)

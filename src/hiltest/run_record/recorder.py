@@ -130,6 +130,7 @@ class Recorder:
                 "comparison": comparison,
                 "chosen": run.chosen,
                 "coverage": run.coverage and asdict(run.coverage),
+                "suites": run.suites,
             },
         )
         write_run(run, self.folder)

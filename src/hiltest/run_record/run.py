@@ -250,6 +250,8 @@ class Run:
     which lack it."""
     coverage: CoverageRecord | None = None
     """Coverage of the firmware, if it was requested."""
+    suites: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of tests and each conftest.py, by name; empty in older records, which lack it."""
 
     def __post_init__(self) -> None:
         refuse_twice("measurement", [measurement.name for measurement in self.measurements])
@@ -290,6 +292,7 @@ class Findings:
     chosen: bool = False
     revision: Revision | None = None
     coverage: CoverageRecord | None = None
+    suites: Mapping[str, str] = field(default_factory=dict)
 
     def take(self, measurement: Measurement) -> None:
         """Add a measurement; of several attempts the worst counts."""
@@ -321,6 +324,7 @@ class Findings:
             chosen=self.chosen,
             revision=self.revision,
             coverage=self.coverage,
+            suites=self.suites,
         )
         return run.add_derived_fields()
 

@@ -36,6 +36,7 @@ from hiltest.session.results import (
     TestLog,
     out_of_limit_in_words,
 )
+from hiltest.session.selection import suite_digests
 
 if TYPE_CHECKING:
     from hiltest.boards import Board
@@ -70,6 +71,7 @@ class Recording:
         self._recorder = recorder
         self._log = TestLog(hil.test_id)
         self._finished = 0
+        self._test_files: set[str] = set()
         self._summary_remark = ""
         self.run: Run | None = None
 
@@ -88,6 +90,7 @@ class Recording:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Record the findings of one phase of a test."""
         self._log.add(report)
+        self._test_files.add(report.nodeid.partition("::")[0])
         self._note_board(getattr(report, BENCH, None))
         findings = getattr(report, FOUND_HERE, None)
         if findings is not None:
@@ -131,6 +134,7 @@ class Recording:
             self._recorder.finish_test(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))
         exitstatus = self._write_coverage(exitstatus)
         self._recorder.findings.chosen = self._hil.choice.chose_our_tests
+        self._recorder.findings.suites = suite_digests(self._test_files, session.config.rootpath)
         stopped = bool(session.shouldstop or session.shouldfail)
         left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.chose_any_tests)
         cut_short = stopped or self._finished < session.testscollected

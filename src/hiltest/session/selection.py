@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ from hiltest.session.settings import setting
 # Options of pytest that leave tests out.
 _CHOICES = ("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise")
 _NOT_COLLECTED = ("ignore", "ignore_glob", "lf")
+_CONFTEST = "conftest.py"
 # Options with which pytest shows something instead of running tests.
 _LOOKS = ("collectonly", "showfixtures", "show_fixtures_per_test", "markers", "cacheshow", "help")
 
@@ -192,6 +194,24 @@ def id_in_record(nodeid: str, root: Path) -> str:
         if parts[index - 2 : index] in _SUITES:
             return "/".join(parts[index:]) + colons + rest
     return nodeid
+
+
+def suite_digests(files: Iterable[str], root: Path) -> dict[str, str]:
+    """Return the SHA-256 of files of tests, and of each conftest.py that pytest reads for them, by name in the record.
+
+    Parameters
+    ----------
+    files
+        Files of node ids, relative to `root`.
+    """
+    paths = {Path(os.path.normpath(root / file)) for file in files}
+    names = {path: id_in_record(os.path.relpath(path, root), root) for path in paths}
+    for folder in {folder for path in paths for folder in path.parents}:
+        if folder.is_relative_to(root) or any(path.parent == folder for path in paths):
+            name = os.path.relpath(folder / _CONFTEST, root)
+            short = id_in_record(name, root)
+            names[folder / _CONFTEST] = f"./{name}" if short == name else short  # ./ tells it from that of the suites
+    return {name: sha256(path.read_bytes()).hexdigest() for path, name in sorted(names.items()) if path.is_file()}
 
 
 def place_in_record(file: str, line: int, config: pytest.Config) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Literal
@@ -12,15 +12,17 @@ from typing import Literal
 from hiltest.errors import ConfigError
 from hiltest.json_files import shown
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
-from hiltest.run_record.comparison import FromBuild, Revision, Side
+from hiltest.run_record.comparison import FromBuild, Side
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.run import refuse_twice
 from hiltest.text import format_count, id_without_repetition
-from hiltest.verdict.evidence import REAL, Conditions, Evidence, Seed
+from hiltest.verdict.evidence import REAL, Accepted, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value
 
-SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
+SCHEMA: Literal["hiltest.baseline/2"] = "hiltest.baseline/2"
+UNSEALED_SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
+"""Schema of older files, which have no digest of their content."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,29 +45,10 @@ class BaselineRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Accepted:
-    """One measurement that was moved into a baseline, its build and the reason."""
-
-    name: str
-    """Name of the measurement; ``*`` if a run was saved over the file."""
-    because: str
-    when_utc: str
-    build_id: str
-    """Build that the measurement comes from now."""
-    was: float | None
-    now: float | None
-    """Means over the seeds, before and after; None without a number."""
-    was_build_id: str | None = None
-    """Build that the measurement came from before; None for a new one, and in older files, which lack it."""
-    revision: Revision | None = None
-    """Sources that the run was made for."""
-
-
-@dataclass(frozen=True, slots=True)
 class Baseline:
     """Contents of a baseline file."""
 
-    schema: Literal["hiltest.baseline/1"]
+    schema: Literal["hiltest.baseline/1", "hiltest.baseline/2"]
     saved_utc: str
     """Time at which the file was saved or last updated."""
     side: Side
@@ -79,6 +62,8 @@ class Baseline:
     """Accepted changes, oldest first."""
     passed: tuple[str, ...] = ()
     """Ids of the tests that passed on every seed; empty in older files, which lack them."""
+    suites: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of tests and each conftest.py of the saved run; empty in older files, which lack it."""
 
     def __post_init__(self) -> None:
         if not self.seeds:
@@ -122,6 +107,7 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
         seeds,
         rows,
         passed=_passed_tests(evidence),
+        suites=evidence.suites,
     )
 
 
@@ -142,7 +128,12 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
         measurements,
         is_baseline=True,
         builds=builds,
+        tolerances=in_force,
         in_force=in_force,
+        suites=baseline.suites,
+        sealed=baseline.schema == SCHEMA,
+        record=baseline.side.sha256,
+        history=baseline.history,
         tests={
             seed: dict.fromkeys(map(id_without_repetition, baseline.passed), TestOutcome.PASSED)
             for seed in baseline.seeds
@@ -167,7 +158,7 @@ def renewed(baseline: Baseline, before: Baseline) -> Baseline:
 
 def kept_side(run: Evidence, saved_utc: str) -> Side:
     """Return the side of a run for its baseline, without the path of its record."""
-    return replace(run.side, file="", sha256="", saved_utc=saved_utc)
+    return replace(run.side, file="", saved_utc=saved_utc)
 
 
 def rows_of(evidence: Evidence, seeds: Sequence[Seed]) -> tuple[BaselineRow, ...]:
@@ -261,7 +252,7 @@ def accept(baseline: Baseline, run: Evidence, patterns: Sequence[str], *, becaus
         for name, row in sorted(moved.items())
     ]
     from_run = {name: row and replace(row, build_id=run.side.build_id) for name, row in moved.items()}
-    after = replace(baseline, saved_utc=when_utc, history=(*baseline.history, *history))
+    after = replace(baseline, schema=SCHEMA, saved_utc=when_utc, history=(*baseline.history, *history))
     return _replace_rows(after, rows | from_run, run_rows, run)
 
 
@@ -274,7 +265,8 @@ def _replace_rows(
         raise ConfigError(f"nothing changes: no measurement would remain, since {run.name} has none of the named ones")
     if run.conditions is not None and run_rows == {name: _as_in_run(row, run_rows) for name, row in remaining.items()}:
         side = replace(kept_side(run, baseline.saved_utc), seeds=baseline.side.seeds)
-        return replace(baseline, side=side, conditions=run.conditions, measurements=tuple(run_rows.values()))
+        rows_from_run = tuple(run_rows.values())
+        return replace(baseline, side=side, conditions=run.conditions, measurements=rows_from_run, suites=run.suites)
     build_id = baseline.side.build_id
     measurements = tuple(replace(row, build_id=None) if row.build_id == build_id else row for row in remaining.values())
     side = replace(baseline.side, saved_utc=baseline.saved_utc, accepted=accepted_from(measurements))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import asdict
+from hashlib import sha256
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
-from hiltest.json_files import JsonFile, json_line, json_text, read_as
-from hiltest.verdict.baseline import SCHEMA, Baseline
+from hiltest.errors import ConfigError
+from hiltest.json_files import JsonFile, json_line, json_text, read_as, read_json
+from hiltest.verdict.baseline import SCHEMA, UNSEALED_SCHEMA, Baseline
 
 _SILENT = {"measurements": ("limit", "tolerance", "build_id"), "history": ("was_build_id", "revision")}
 """Fields that are omitted from a line if they are null: lines of older files, which lack them, do not change."""
@@ -18,20 +22,47 @@ OTHERWISE = "save it again: hiltest baseline save RUN FILE"
 """The next step for a baseline that cannot be read."""
 
 
-def read_baseline(source: Path | JsonFile) -> Baseline:
+def read_baseline(source: Path | JsonFile, *, to_replace: bool = False) -> Baseline:
     """Read a baseline file.
+
+    Parameters
+    ----------
+    to_replace
+        True if only its history will be kept; the digest of its content may then be wrong.
 
     Raises
     ------
     ConfigError
-        If it is missing, not JSON, of another schema, has a field that is missing or wrong, or rows contradict each
-        other.
+        If it is missing, not JSON, of another schema, has a field that is missing or wrong, rows contradict each
+        other, or its digest does not match its content.
     """
-    return read_as(source, Baseline, SCHEMA, otherwise=OTHERWISE)
+    file = read_json(source, otherwise=OTHERWISE) if isinstance(source, Path) else source
+    schema = UNSEALED_SCHEMA if file.schema == UNSEALED_SCHEMA else SCHEMA
+    baseline = read_as(file, Baseline, schema, otherwise=OTHERWISE)
+    if schema == SCHEMA and not to_replace:
+        _check_digest(file)
+    return baseline
+
+
+def _check_digest(file: JsonFile) -> None:
+    digest = file.content.get("digest")
+    if digest != content_digest(file.content):
+        fault = "it has no digest" if digest is None else "its digest does not match its content"
+        path = quote(str(file.path))
+        raise ConfigError(
+            f"{file.path}: {fault}: it was edited; restore it and accept changes by name (hiltest baseline update "
+            f"{path} RUN --accept NAME --because TEXT), or save it again (hiltest baseline save RUN {path})"
+        )
+
+
+def content_digest(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a baseline's content without its digest; layout and order of keys have no effect."""
+    text = json.dumps({name: value for name, value in content.items() if name != "digest"}, sort_keys=True)
+    return sha256(text.encode()).hexdigest()
 
 
 def to_json(baseline: Baseline, before: Any = None) -> str:
-    """Return the text of a baseline file, one measurement per line, for readable diffs.
+    """Return the text of a baseline file with the digest of its content, one measurement per line for readable diffs.
 
     Parameters
     ----------
@@ -39,13 +70,16 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
         Previous content of the file; its unknown fields are preserved.
     """
     content = add_unknown_fields(asdict(baseline), _add_silent_fields(before))
+    content |= {"schema": SCHEMA, "suites": dict(baseline.suites)}
     for kind, silent in _SILENT.items():
         content[kind] = [
             {name: value for name, value in item.items() if name not in silent or value is not None}
             for item in content[kind]
         ]
-    if not content["passed"]:
-        del content["passed"]
+    for name in ("passed", "suites"):
+        if not content[name]:
+            del content[name]
+    content["digest"] = content_digest(content)
     fields = ",\n".join(f"{json_line(name)}: {_field(name, value)}" for name, value in content.items())
     return "{\n" + fields + "\n}\n"
 

@@ -6,21 +6,27 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from statistics import fmean
 
-from hiltest.measurement import UNDECIDED, Measurement, Outcome, Tolerance, identify, is_compared, is_direction
+from hiltest.measurement import KINDS, UNDECIDED, Measurement, Outcome, Tolerance, identify, is_compared, is_direction
 from hiltest.run_record.comparison import BaseKind, Change, Comparison, Difference, Side
 from hiltest.run_record.failures import measured
 from hiltest.run_record.run import Run
-from hiltest.text import hundredths
+from hiltest.text import hundredths, join_words
 from hiltest.verdict.chance import Chance, chance_of
 from hiltest.verdict.difference import difference
-from hiltest.verdict.evidence import REAL, Evidence, Seed, as_one_run, evidence_of
-from hiltest.verdict.obstacles import obstacles
+from hiltest.verdict.evidence import REAL, Evidence, Seed, allow_misses, as_one_run, evidence_of
+from hiltest.verdict.obstacles import accept_command, obstacles
 from hiltest.verdict.pairs import Pairs, number_of
 from hiltest.verdict.run_noise import FALSE_ALARMS
 from hiltest.verdict.wording import entry, format_seeds, sentence
 
+WORST_FOUND = KINDS["cycles.{calibrator}.worst_found"]
+
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
 _MOVED = (Change.BETTER, Change.WORSE)
+_ALL = "*"
+_NAMED_AT_MOST = 4
+_SUSPICIOUS_SHARE = 2 / 3
+"""Share of the former cycles below which work may have moved elsewhere."""
 _ASSUMED = (
     "Too few runs to estimate their differences: the noise of the default rig is assumed. Save at least five "
     "runs of one firmware: hiltest baseline save RUN RUN ... FILE."
@@ -54,10 +60,99 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     changes = (
         _mark_not_taken(_mark_loosened(change, pair), pair, base, new) for change, pair in zip(raw, pairs, strict=True)
     )
-    differences = tuple(add_accuracy(change, base.measurements, new.measurements) for change in changes)
+    differences = tuple(
+        add_accuracy(_mark_other_input(change, pair, base, new), base.measurements, new.measurements)
+        for change, pair in zip(changes, pairs, strict=True)
+    )
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     comparison = _comparison(base.side, new, differences, obstacles(base, new, differences, together=together), kind)
-    return replace(comparison, remark=_ASSUMED) if _noise_is_assumed(chances.values()) else comparison
+    remarks = [*_remarks(base, new, differences), *([_ASSUMED] if _noise_is_assumed(chances.values()) else [])]
+    return replace(comparison, remark=" ".join(remarks))
+
+
+def review(base: Evidence, new: Evidence) -> Comparison:
+    """Compare a baseline with its next version: a change that makes it laxer must be in its history, with a reason.
+
+    Saving a run over the file is accepted as a whole if the conditions changed, too; numbers are then incomparable.
+    """
+    accepted = {entry.name: entry.because for entry in new.history if entry not in base.history}
+    new = allow_misses(new)
+    if (saved_anew := accepted.pop(_ALL, "")) and (unlike := obstacles(base, new, None, together=False)):
+        comparison = compare(base, new)
+        differences = tuple(_mark_accepted(change, saved_anew) for change in comparison.differences)
+        remark = f"The baseline was saved anew: {'; '.join(unlike)}. {comparison.remark}".rstrip()
+        return replace(_comparison(base.side, new, differences, (), BaseKind.BASELINE), remark=remark)
+    if saved_anew:
+        base = replace(base, tests={})  # tests were removed on purpose
+    comparison = compare(base, new)
+    differences = tuple(_mark_accepted(change, accepted.get(change.name)) for change in comparison.differences)
+    reasons = (*obstacles(base, new, differences, together=False), *_unaccepted_tolerances(base, new, accepted))
+    return replace(_comparison(base.side, new, differences, reasons, BaseKind.BASELINE), remark=comparison.remark)
+
+
+def _remarks(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
+    """Yield remarks on both sides, which decide nothing."""
+    unsealed = [side.name for side in (base, new) if not side.sealed]
+    if unsealed:
+        yield f"{' and '.join(unsealed)}: not sealed, since the file has no digest of its content."
+    if base.record and base.record == new.record and not base.builds:
+        yield "The run was compared with itself."
+    elif base.side.firmware_sha256 and base.side.firmware_sha256 == new.side.firmware_sha256:
+        yield "Both sides ran the same firmware file."
+    if base.suites and (files := [name for name, digest in new.suites.items() if base.suites.get(name) != digest]):
+        yield f"Tests differ from those of the base: {join_words(files, _NAMED_AT_MOST)}."
+    cheaper = sorted(filter(_is_suspiciously_cheap, differences), key=lambda difference: difference.concern)
+    if cheaper:
+        names = join_words([difference.name for difference in cheaper], _NAMED_AT_MOST)
+        yield f"Check that no work moved: {names} fell by more than a third."
+
+
+def _is_suspiciously_cheap(difference: Difference) -> bool:
+    base, new = difference.base, difference.new
+    fell = base is not None and new is not None and new < _SUSPICIOUS_SHARE * base
+    return difference.change is Change.BETTER and difference.unit == "cycle" and fell
+
+
+def _mark_accepted(difference: Difference, because: str | None) -> Difference:
+    """Return a difference between two baselines: an accepted one is no regression, and any other change is listed."""
+    if difference.change is Change.UNCHANGED and difference.delta:
+        difference = replace(difference, change=Change.CHANGED)
+    if because is None or difference.change is Change.UNCHANGED:
+        return difference
+    change = Change.CHANGED if difference.change in (Change.WORSE, Change.GONE) else difference.change
+    note = "; ".join(filter(None, (difference.note, f"accepted: {because}")))
+    return replace(difference, change=change, note=note)
+
+
+def _unaccepted_tolerances(base: Evidence, new: Evidence, accepted: Mapping[str, str]) -> Iterator[str]:
+    for name, tolerance in new.in_force.items():
+        before = base.in_force.get(name)
+        if before is not None and not before.covers(tolerance) and name not in accepted:
+            yield f"tolerance widened: {name}; accept it by name: {accept_command(new.side.file, name)}"
+
+
+def _mark_other_input(difference: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:
+    """Return a difference; cycles of unchanged code for another worst input are neither worse nor better."""
+    named = identify(difference.name)
+    is_other_input = named.kind is WORST_FOUND and difference.change in _MOVED and not pairs.newly_out
+    if not is_other_input or not _is_same_code(base, new, named.subject):
+        return difference
+    return replace(difference, change=Change.CHANGED, note="another worst input; the code is unchanged")
+
+
+def _is_same_code(base: Evidence, new: Evidence, calibrator: str) -> bool:
+    """Return whether both sides ran one build, and a calibrator costs the same on each common seed.
+
+    The cycles are compared because a patched file keeps the build id of its ELF.
+    """
+    total = f"cycles.{calibrator}.total"
+    was, now = base.side, new.side
+    same_file = not (was.firmware_sha256 and now.firmware_sha256) or was.firmware_sha256 == now.firmware_sha256
+    same_build = was.build_id and was.build_id == now.build_id and total not in base.builds
+    seeds = base.measurements.keys() & new.measurements.keys()
+    costs = [[number_of(side.measurements[seed].get(total)) for side in (base, new)] for seed in seeds]
+    same_cost = all(cost is not None and cost == other for cost, other in costs)
+    return bool(same_build and same_file and costs and same_cost)
 
 
 def _noise_is_assumed(chances: Iterable[Chance]) -> bool:

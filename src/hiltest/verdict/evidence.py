@@ -8,7 +8,7 @@ from hashlib import sha256 as sha256_of
 from typing import TypeVar
 
 from hiltest.measurement import Measurement, Tolerance
-from hiltest.run_record.comparison import Side
+from hiltest.run_record.comparison import Revision, Side
 from hiltest.run_record.failures import failed_by_itself
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.run import Run
@@ -49,6 +49,25 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True)
+class Accepted:
+    """One measurement that was moved into a baseline, its build and the reason."""
+
+    name: str
+    """Name of the measurement; ``*`` if a run was saved over the file."""
+    because: str
+    when_utc: str
+    build_id: str
+    """Build that the measurement comes from now."""
+    was: float | None
+    now: float | None
+    """Means over the seeds, before and after; None without a number."""
+    was_build_id: str | None = None
+    """Build that the measurement came from before; None for a new one, and in older files, which lack it."""
+    revision: Revision | None = None
+    """Sources that the run was made for."""
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """One run, or several runs of the same firmware on the same rig that differ in their seed."""
 
@@ -75,6 +94,14 @@ class Evidence:
     """Tolerance of every measurement according to the record; empty for older records, which lack it."""
     tests: Mapping[Seed, Mapping[str, TestOutcome]] = field(default_factory=dict)
     """Outcome of every test by its id, for a baseline of those that passed; empty in older files, which lack it."""
+    suites: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of each file of tests and each conftest.py, by name; empty in older files, which lack it."""
+    sealed: bool = True
+    """False for a baseline of the format without a digest."""
+    record: str = ""
+    """SHA-256 of the record that the numbers come from; for a baseline that of the saved run. Empty if unknown."""
+    history: tuple[Accepted, ...] = ()
+    """Accepted changes of a baseline, oldest first."""
 
     @property
     def name(self) -> str:
@@ -101,6 +128,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
             build_id=board.build_id,
             compiler=board.compiler,
             cycle_model=board.cycle_model,
+            firmware_sha256=board.firmware_sha256 or "",
         )
     name_of_rig = f"{rig.name} with faults ({rig.faults})" if rig and rig.faults else rig.name if rig else ""
     side = replace(side, rig=name_of_rig, seeds=() if run.seed is None else (run.seed,))
@@ -115,6 +143,8 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         in_force=_tolerances(run.tolerances),
         tests={run.seed: _outcomes(run)},
         failed=failed_by_itself(run),
+        suites=run.suites,
+        record=sha256,
     )
 
 
@@ -171,6 +201,8 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         failed,
         in_force={name: tolerance for run in reversed(runs) for name, tolerance in run.in_force.items()},
         tests=tests,
+        suites=first.suites,
+        record=digest,
     )
 
 
@@ -230,7 +262,7 @@ def no_evidence(file: str) -> Evidence:
 
 
 def allow_misses(campaign: Evidence) -> Evidence:
-    """Return the side of a campaign that passed although some seeds missed a limit, as it was allowed to."""
+    """Return a side that may miss limits, as a campaign on some seeds, or a baseline."""
     return replace(campaign, may_miss=True)
 
 

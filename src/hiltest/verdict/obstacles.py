@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
 from shlex import quote
 
+from hiltest.measurement import tolerance_of
 from hiltest.run_record.comparison import Change, Difference
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.text import id_without_repetition, short_test_id
@@ -36,6 +37,7 @@ def obstacles(
     return (
         *unlike,
         *missing,
+        *_wide_tolerances(base, new),
         *_tests_broken_in_base(base, new, differences),
         *_missing_measurements(base, new, differences),
     )
@@ -154,6 +156,23 @@ def _remedy_for_test(test: str, base: Evidence, new: Evidence, *, together: bool
     return f"make this run the base with `hiltest baseline save {run} FILE`"
 
 
+def _wide_tolerances(base: Evidence, new: Evidence) -> Iterator[str]:
+    """Yield an obstacle for each tolerance of a baseline that neither the catalogue nor the run's rig states."""
+    if not base.is_baseline or new.is_baseline:
+        return
+    for name, tolerance in base.in_force.items():
+        if not any(tolerance_of(name, stated).covers(tolerance) for stated in ({}, new.tolerances)):
+            yield (
+                f"tolerance of {name}: {base.name} has a wider one than the catalogue, and the rig states none; "
+                f"accept the catalogue's: {accept_command(base.side.file, name, new.side.file)}"
+            )
+
+
+def accept_command(file: str, name: str, run: str = "") -> str:
+    """Return the command that accepts one measurement of a run into a baseline."""
+    return f"`hiltest baseline update {quote(file)} {quote(run or 'RUN')} --accept {quote(name)} --because TEXT`"
+
+
 def _tests_broken_in_base(base: Evidence, new: Evidence, differences: Sequence[Difference]) -> Iterator[str]:
     """Yield an obstacle for measurements that are new only because their test broke off in the base."""
     broken = {
@@ -223,12 +242,12 @@ def _accept(base: Evidence, new: Evidence, name: str) -> str:
         tests = (measurement[name].test for measurement in base.measurements.values() if name in measurement)
         test = next((test_id.rpartition("::")[2].partition("[")[0] for test_id in tests if test_id), "")
         return f"omit its test from both runs: -- -k 'not {test or 'its name'}'"
-    file, run = quote(base.side.file), quote(new.side.file or "RUN")
-    update = f"{run} --accept {quote(name)} --because TEXT`"
+    if base.is_baseline and new.is_baseline:  # a review of the newer one
+        return f"accept that with {accept_command(new.side.file, name)}"
     if base.is_baseline:
-        return f"accept that with `hiltest baseline update {file} {update}"
-    save = f"`hiltest baseline save {file} FILE`"
-    return f"accept that into a baseline, {save} and `hiltest baseline update FILE {update}"
+        return f"accept that with {accept_command(base.side.file, name, new.side.file)}"
+    save = f"`hiltest baseline save {quote(base.side.file)} FILE`"
+    return f"accept that into a baseline, {save} and {accept_command('FILE', name, new.side.file)}"
 
 
 def _renew_advice(*, together: bool) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import PurePath
 from shlex import quote
 
-from hiltest.measurement import Outcome, Tolerance, is_direction
+from hiltest.measurement import EXACT, Outcome, Tolerance, is_direction
 from hiltest.run_record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
 from hiltest.text import format_number, join_words
 from hiltest.verdict.evidence import Seed
@@ -96,12 +96,19 @@ def entry(difference: Difference) -> str:
 
 
 def moved(difference: Difference) -> str:
-    """Return by how much a measurement moved, in its unit and in percent; empty without a pair."""
+    """Return by how much a measurement moved, in its unit and as a multiple of its tolerance; empty without a pair.
+
+    If the tolerance is exact, the multiple is replaced by a percentage of the base.
+    """
     if difference.delta is None:
         return ""
     words = _format_signed(difference.delta)
     share = moved_percent(difference)
-    if share is not None and abs(share) <= _MOST_PERCENT and (difference.base or 0.0) * (difference.new or 0.0) > 0:
+    if difference.tolerance != EXACT:
+        words += (
+            f", {format_number(difference.weight, 2)} times its tolerance" if math.isfinite(difference.weight) else ""
+        )
+    elif share is not None and abs(share) <= _MOST_PERCENT and (difference.base or 0.0) * (difference.new or 0.0) > 0:
         words += f", {percent(share)}"
     if difference.interval is not None:
         low, high = difference.interval
