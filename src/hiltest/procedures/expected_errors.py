@@ -17,7 +17,6 @@ from hiltest.procedures.reported_headings import FIRMWARE, ReportedAngles
 from hiltest.procedures.requested_headings import RequestedAngles
 from hiltest.procedures.tumble import Tumble
 from hiltest.rig import COUNTS_PER_UT, Rig
-from hiltest.world import EarthField
 
 _FASTEST_HZ = 800.0  # output rate of an FXOS8700CQ, the highest of the known magnetometers
 # Below half a count rms, rounding to whole counts is no longer noise.
@@ -46,8 +45,9 @@ def expected_errors(
     noise_counts, readings = _readings_of(known_angles, rig)
     if noise_counts < _LEAST_NOISE_COUNTS:
         return {}
-    earth = EarthField(rig.field.strength_ut, rig.field.dip_deg)
-    field, gravity = known_angles.rotate_to_body(earth.ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
+    dip = math.radians(rig.field.dip_deg)
+    north_down = (rig.field.strength_ut * math.cos(dip), 0.0, rig.field.strength_ut * math.sin(dip))
+    field, gravity = known_angles.rotate_to_body(north_down), known_angles.rotate_to_body((0.0, 0.0, 1.0))
     # Readings scale with the field's strength; the soft iron, a few per cent, changes their noise as little.
     nominal = MagnetometerFit(
         FitStatus.ELLIPSOID, False, 0, np.eye(3) / (COUNTS_PER_UT * rig.field.strength_ut), np.zeros(3)
