@@ -284,7 +284,7 @@ class VirtualBench:
         for name in self.rig.world.fitted if self.rig.world else ():
             place = PARTS[name]
             part = self._parts[place.bus, place.address]
-            if any(output.delivered or math.isfinite(output.next_sample_s(self.time_s)) for output in part.outputs):
+            if any(output.delivered[0] or math.isfinite(output.next_sample_s(self.time_s)) for output in part.outputs):
                 prefix, dash, kind = name.rpartition("-")
                 settings.append(
                     PartSettings(f"{prefix}{dash}{kind.upper()}", place.bus, place.address, part.settings())

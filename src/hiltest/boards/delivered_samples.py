@@ -259,14 +259,15 @@ class DeliveredSamples:
                 f"the firmware's point {index} is not the next sample that {sensor.name} delivered "
                 f"({_difference(row[:3] - expected[0])})"
             )
-        place = group.next_sample + int(equal[0])
-        low, high = _acceleration_range(group.accelerometer, float(samples.instant_s[place]), samples.period_s)
-        outside = np.maximum(low - row[3:], 0.0) - np.maximum(row[3:] - high, 0.0)
-        if np.any(outside):
+        # Equal readings may follow each other: the point is one of them, the first whose acceleration fits.
+        outside = [_outside_line(group, row[3:], group.next_sample + int(place)) for place in equal]
+        fits = [not difference.any() for difference in outside]
+        if not any(fits):
             _raise(
                 f"the firmware's acceleration of point {index} is not the line between the accelerometer's samples "
-                f"before and after it ({_difference(-outside)} at least)"
+                f"before and after it ({_difference(outside[0])} at least)"
             )
+        place = group.next_sample + int(equal[fits.index(True)])
         group.next_sample, group.seen[index] = place + 1, row
 
     def _check_gyroscope(self, reply: GyroscopeRestReply | IntegrateGyroscopeReply | LogGyroscopeReply) -> None:
@@ -383,6 +384,13 @@ def _difference(counts: NDArray[np.number]) -> str:
     """Return the largest difference in words, such as ``x: 3.1 counts more``."""
     axis = int(np.abs(counts).argmax())
     return f"{'xyz'[axis]}: {abs(float(counts[axis])):.3g} counts {'more' if counts[axis] > 0 else 'less'}"
+
+
+def _outside_line(group: _Collected, acceleration: Counts, place: int) -> Reals:
+    """Return by how much an acceleration is beyond the line between samples at a magnetometer's sample, shape (3,)."""
+    magnetometer = group.magnetometer
+    low, high = _acceleration_range(group.accelerometer, float(magnetometer.instant_s[place]), magnetometer.period_s)
+    return np.asarray(np.maximum(acceleration - high, 0.0) - np.maximum(low - acceleration, 0.0))
 
 
 def _acceleration_range(samples: Samples, instant_s: float, period_s: float) -> tuple[Reals, Reals]:
