@@ -17,7 +17,7 @@ REASONS = {
     "line-lost": "lost /dev/pts/",
     "board-silent": "no answer to ",
     "nothing-answers": "and no other byte",
-    "firmware-hangs": "the firmware is hung, looping to itself in command_average",
+    "firmware-hangs": "the firmware is hung, in a branch to itself in command_average",
     "firmware-faults": "ndefined instruction",
     "stack-overflow": "stack overflow",
     "other-baud-rate": "no answer to ",
