@@ -65,10 +65,10 @@ class Player(Tape):
         may_be_absent: bool = False,
     ) -> Any:
         """Answer a question from the recording."""
+        if may_be_absent and ((coming := self._coming_call()) is None or coming["call"] != name):
+            return None
         entry = self._question()
         call = None if entry is None else entry.call
-        if may_be_absent and (call is None or call["call"] != name):
-            return None
         if call is None or call["call"] != name or call.get("given", {}) != arguments:
             self._raise_divergence(f"asks {_question(name, arguments)}")
         self._finish_call(call)
@@ -81,10 +81,10 @@ class Player(Tape):
 
     def check(self, name: str, check: Callable[[], None]) -> None:
         """Raise the error of the recorded check, if it had one."""
-        entry = self._question()
-        if entry is not None and entry.call is not None and entry.call["call"] == name:
-            self._finish_call(entry.call)
-            raise self._restore(restored_error, entry.call.get("raises"))
+        if (call := self._coming_call()) is not None and call["call"] == name:
+            self._question()
+            self._finish_call(call)
+            raise self._restore(restored_error, call.get("raises"))
 
     def begin_test(self, test: str) -> None:
         """Store the name of the current test, for messages."""
@@ -147,6 +147,14 @@ class Player(Tape):
 
     def _next(self) -> TranscriptEntry | None:
         return self._entries[self._at] if self._at < len(self._entries) else None
+
+    def _coming_call(self) -> Mapping[str, Any] | None:
+        """Return the call that is the next question, if it is one, without going to it."""
+        for at in range(self._at, len(self._entries)):
+            entry = self._entries[at]
+            if entry.data or entry.call is not None:
+                return entry.call
+        return None
 
     def _question(self) -> TranscriptEntry | None:
         """Go to the next question of the recording, and skip empty reads."""
