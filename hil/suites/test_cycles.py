@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from hiltest.boards import Board
+from hiltest.boards.board import NO_REQUEST_COST
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
@@ -54,7 +55,7 @@ def measure_cost(name: str, cost: CycleCost, measure: Measure) -> None:
         cost.request,
         "cycle",
         cycle_model=cost.model,
-        not_offered="" if cost.request is not None else "only a virtual board observes the whole request",
+        not_offered="" if cost.request is not None else NO_REQUEST_COST,
     )
     for part, cycles in (
         ("per_point", cost.per_point),

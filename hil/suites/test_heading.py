@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
+from hiltest.boards.board import NO_REQUEST_COST
 from hiltest.calibration.heading_bound import HeadingBound
 from hiltest.link.replies import SensorKind
 from hiltest.measurement import Limit
@@ -49,7 +50,7 @@ def test_points_cover_the_sphere(board: Board, tumble: Tumble, rig: Rig, measure
         tumble.cycles_per_point,
         "cycle",
         cycle_model=board.cycle_model,
-        not_offered="" if tumble.cycles_per_point is not None else "only a virtual board observes the whole request",
+        not_offered="" if tumble.cycles_per_point is not None else NO_REQUEST_COST,
     )
     measure.table("tumble.points", dict.fromkeys("xyz", "count"), tumble.points.tolist())
 
@@ -117,9 +118,10 @@ def test_heading_at_known_angles(
     if isinstance(known_angles, RequestedAngles):
         record_evidence(known_angles, rig, measure)
         tumble, calibrations = request.getfixturevalue("tumble"), request.getfixturevalue("calibrations")
-        bounds = expected_errors(known_angles, rig, tumble=tumble, calibrations=calibrations)
     else:
-        bounds = expected_errors(known_angles, rig)
+        tumble = calibrations = None
+    field_ned_ut = EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut
+    bounds = expected_errors(known_angles, rig, field_ned_ut=field_ned_ut, tumble=tumble, calibrations=calibrations)
     measure.table(*table_of_expected_errors(bounds))
     if isinstance(known_angles, ReportedAngles):
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hiltest.boards import Board
+from hiltest.boards.board import NO_REQUEST_COST
 from hiltest.link.messages import LinkStatistics
 from hiltest.measurement import Limit
 from hiltest.procedures import check_link
@@ -38,7 +39,7 @@ def test_the_board_answers_soon(board: Board, measure: Measure) -> None:
         cost.latency_us if cost else None,
         "us",
         limit=REPLY_TIME if cost else None,
-        not_offered="" if cost else "only a virtual board observes the whole request",
+        not_offered="" if cost else NO_REQUEST_COST,
     )
 
 

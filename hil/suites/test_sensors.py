@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
-from hiltest.boards.board import Stage
+from hiltest.boards.board import NO_REQUEST_COST, Stage
 from hiltest.link.fusion import FusionRead, FusionRun, FusionStart
 from hiltest.link.gyroscope import (
     EDGE_SAMPLES,
@@ -61,7 +61,7 @@ def test_sampling_masks_no_interrupts_for_long(board: Board, measure: Measure) -
         cost.masked_us if cost else None,
         "us",
         limit=MASKED if cost else None,
-        not_offered="" if cost else "only a virtual board observes the whole request",
+        not_offered="" if cost else NO_REQUEST_COST,
     )
 
 

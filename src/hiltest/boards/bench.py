@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.boards.board import PartSettings
 from hiltest.boards.delivered_samples import Samples
@@ -29,6 +30,7 @@ from hiltest.world import Vector
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
 from hiltest.world.recorded_motion import Sensed
+from hiltest.world.sensors.sampling import SampledOutput
 from hiltest.world.sway import SWAY_S, Sway
 
 #: Time from power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
@@ -92,6 +94,12 @@ def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
         machine.hold_line(held.bus, HeldLine(held.line, *span_of(held, START_UP_S)))
     if faults and faults.reset:
         machine.reset_at(START_UP_S + faults.reset.after_s, _RESETS[faults.reset.by])
+
+
+def _turn_to_body(words: NDArray[np.int64], output: SampledOutput) -> NDArray[np.int64]:
+    """Return words along the axes of the part, shape (..., 3), along those of the body."""
+    axes = np.array(output.body_axes)
+    return np.asarray(words[..., np.abs(axes) - 1] * np.sign(axes))
 
 
 class BenchSnapshot(NamedTuple):
@@ -253,9 +261,8 @@ class VirtualBench:
         output = next(output for output in part.outputs if output.quantity.name == sensor.kind.name)
         rows = list(output.deliveries)
         words = np.array([row.words for row in rows], np.int64).reshape(-1, 3)
-        axes = np.array(output.body_axes)
         return Samples(
-            words[:, np.abs(axes) - 1] * np.sign(axes),
+            _turn_to_body(words, output),
             np.array([row.number for row in rows], np.int64),
             np.array([row.instant_s for row in rows]),
             np.array([row.time_s for row in rows]),
@@ -268,9 +275,8 @@ class VirtualBench:
         for (bus, address), part in self._parts.items():
             for output in part.outputs:
                 if output.quantity is Sensed.MAGNETOMETER and output.delivered[0]:
-                    axes = output.body_axes
-                    sums = [output.delivered[abs(axis)] * (1 if axis > 0 else -1) for axis in axes]
-                    fields[f"{bus}:{address:02x}"] = [output.delivered[0], *sums]
+                    count, *sums = output.delivered
+                    fields[f"{bus}:{address:02x}"] = [count, *_turn_to_body(np.array(sums), output).tolist()]
         return fields
 
     def delivered_temperature(self, sensor: SensorInfo) -> int | None:

@@ -33,6 +33,7 @@ CALL_CYCLES = 32
 
 NO_MEMORY_USE: Mapping[str, int | str] = dict.fromkeys(("flash", "ram", "stack_most"), "")
 """Memory use of a board that cannot observe its firmware."""
+NO_REQUEST_COST = "only a virtual board observes the whole request"
 NO_COVERAGE = "the board {} does not report executed instructions, which coverage needs: leave out --coverage"
 
 
@@ -412,9 +413,9 @@ class Board(ABC):
         return NO_MEMORY_USE
 
     def delivered_fields(self) -> Mapping[str, list[int]] | None:
-        """Return what each magnetometer has delivered to the firmware so far, by bus and address; None if unknown.
+        """Return the samples that each magnetometer has delivered so far, by bus and address; None if unknown.
 
-        A value has the number of samples and their sums along x, y and z of the body [count].
+        A value has their number and their sums along x, y and z of the body [count].
         """
         return None
 
@@ -476,23 +477,16 @@ class Board(ABC):
         """
         reply, counted = self._send_and_count(request, work)
         if reply.costs:
-            _refuse_other_cycles(work, reply.costs, counted[: len(reply.costs)])
+            _refuse_other_cycles(work, reply.costs, None if counted is None else counted[: len(reply.costs)])
         return reply
 
-    def _send_and_count(self, request: Request[R], work: str) -> tuple[R, list[int]]:
-        """Send a request; return its reply, and the cycles of each call of a function if the board observes them."""
+    def _send_and_count(self, request: Request[R], work: str) -> tuple[R, Sequence[int] | None]:
+        """Send a request; return its reply, and the cycles of each call of a function, None if they are unknown."""
         counter = self.call_counter(work)
-        if counter is None:
-            return self.session.request(request), []
-        counter.begin()
+        if counter is not None:
+            counter.begin()
         reply = self.session.request(request)
-        if not counter.cycles and (getattr(reply, "cost", None) or getattr(reply, "costs", None)):
-            raise FirmwareContradictionError(
-                f"the firmware contradicts the board: it reports the cycles of {work}, and its function was not called "
-                "for this request. It answers from an earlier call; or the function is inlined: then name another one "
-                "under [cycles] in the rig"
-            )
-        return reply, list(counter.cycles)
+        return reply, None if counter is None else list(counter.cycles)
 
     def unchecked(self, calibrator: str) -> str:
         """Return why the board cannot check the cycles that the firmware reports for the calibrator that just ran.
@@ -542,10 +536,18 @@ class Board(ABC):
         self.close()
 
 
-def _refuse_other_cycles(work: str, reported: Sequence[RunCost], counted: Sequence[int]) -> None:
-    """Raise a FirmwareContradictionError if calls took other cycles than reported; without calls nothing is checked."""
+def _refuse_other_cycles(work: str, reported: Sequence[RunCost], counted: Sequence[int] | None) -> None:
+    """Raise a FirmwareContradictionError if calls took other cycles than reported, or there was no call."""
+    if counted is None:  # the board does not observe them
+        return
+    if not counted:
+        raise FirmwareContradictionError(
+            f"the firmware contradicts the board: it reports the cycles of {work}, and its function was not called for "
+            "this request. It answers from an earlier call; or the function is inlined: then name another one under "
+            "[cycles] in the rig"
+        )
     total, calls = sum(cost.cycles for cost in reported), len(counted)
-    if calls and abs(sum(counted) - total) > CALL_CYCLES * len(reported):
+    if abs(sum(counted) - total) > CALL_CYCLES * len(reported):
         raise FirmwareContradictionError(
             f"the firmware contradicts the board: it reports {total} cycles of {work}, and "
             f"the board counted {sum(counted)} in {'its call' if calls == 1 else f'{calls} calls'}"

@@ -56,7 +56,7 @@ class Samples(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Collected:
+class _CollectedPoints:
     """Points of one COLLECT: their places in the buffer, and the samples that they must come from."""
 
     first: int
@@ -64,7 +64,7 @@ class _Collected:
     magnetometer: Samples
     accelerometer: Samples
     next_sample: int = 0
-    seen: dict[int, Counts] = field(default_factory=dict)
+    read_back: dict[int, Counts] = field(default_factory=dict)
     """Points that were read before, as magnetometer and accelerometer counts."""
 
 
@@ -96,7 +96,7 @@ class DeliveredSamples:
         self._begin_s = 0.0
         self._stored: int | None = None  # points in the buffer; None if unknown
         self._stored_before: int | None = None
-        self._collected: list[_Collected] = []
+        self._collected: list[_CollectedPoints] = []
 
     def begin(self, code: int, time_s: float) -> None:
         """Note that a request is sent."""
@@ -141,7 +141,7 @@ class DeliveredSamples:
             self._stored = self._stored_before + request.count
             fresh = self._fresh(SensorKind.MAGNETOMETER)
             pairs = self._samples(self._selected[SensorKind.ACCELEROMETER])
-            self._collected.append(_Collected(self._stored_before, self._stored, fresh, pairs))
+            self._collected.append(_CollectedPoints(self._stored_before, self._stored, fresh, pairs))
 
     def _fresh(self, kind: SensorKind) -> Samples:
         return self._samples(self._selected[kind]).since(self._begin_s)
@@ -192,8 +192,8 @@ class DeliveredSamples:
 
     def _check_read(self, sensor: SensorInfo, reply: ReadReply) -> None:
         samples = self._samples(sensor)
-        place = self._place_of_sequence(sensor, samples.since(self._begin_s), samples, reply.counts)
         used = samples.since(self._begin_s)
+        place = self._place_of_sequence(sensor, used, samples, reply.counts)
         for index, board_us in enumerate(reply.time_us.tolist()):
             time_s, instant_s = self._virtual_s(board_us), float(used.instant_s[place + index])
             read_s = float(used.time_s[place + index])
@@ -242,9 +242,9 @@ class DeliveredSamples:
                 if group.first <= index < group.end:
                     self._check_point(index, row, group)
 
-    def _check_point(self, index: int, row: Counts, group: _Collected) -> None:
-        if index in group.seen:
-            if not np.array_equal(row, group.seen[index]):
+    def _check_point(self, index: int, row: Counts, group: _CollectedPoints) -> None:
+        if index in group.read_back:
+            if not np.array_equal(row, group.read_back[index]):
                 _raise(f"the firmware's point {index} has changed since it was read")
             return
         sensor, samples = self._selected[SensorKind.MAGNETOMETER], group.magnetometer
@@ -268,7 +268,7 @@ class DeliveredSamples:
                 f"before and after it ({_difference(outside[0])} at least)"
             )
         place = group.next_sample + int(equal[fits.index(True)])
-        group.next_sample, group.seen[index] = place + 1, row
+        group.next_sample, group.read_back[index] = place + 1, row
 
     def _check_gyroscope(self, reply: GyroscopeRestReply | IntegrateGyroscopeReply | LogGyroscopeReply) -> None:
         sensor = self._selected[SensorKind.GYROSCOPE]
@@ -386,7 +386,7 @@ def _difference(counts: NDArray[np.number]) -> str:
     return f"{'xyz'[axis]}: {abs(float(counts[axis])):.3g} counts {'more' if counts[axis] > 0 else 'less'}"
 
 
-def _outside_line(group: _Collected, acceleration: Counts, place: int) -> Reals:
+def _outside_line(group: _CollectedPoints, acceleration: Counts, place: int) -> Reals:
     """Return by how much an acceleration is beyond the line between samples at a magnetometer's sample, shape (3,)."""
     magnetometer = group.magnetometer
     low, high = _acceleration_range(group.accelerometer, float(magnetometer.instant_s[place]), magnetometer.period_s)

@@ -155,15 +155,15 @@ def heading_bound(
         unit /= np.linalg.norm(unit, axis=1)[:, None]
         normals = unit @ inverse
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        rows = _by_parameter(normals, unit) / noise
+        rows = _parameter_derivatives(normals, unit) / noise
         information, axes = np.linalg.eigh(rows.T @ rows)
-        # What the points do not determine has a large error, not an infinite one.
+        # Parameters that the points do not determine have a large error, not an infinite one.
         deviations = axes / np.sqrt(np.maximum(information, _LEAST_INFORMATION * information[-1]))
-        columns = -_by_parameter(by_field, unit_field) @ deviations
+        columns = -_parameter_derivatives(by_field, unit_field) @ deviations
     return HeadingBound(np.degrees(columns), np.degrees(spread))
 
 
-def _by_parameter(rows: Array, unit: Array) -> Array:
+def _parameter_derivatives(rows: Array, unit: Array) -> Array:
     """Return ``row . (dS u + do)`` by the six elements of a symmetric S and the three of o, shape (n, 9)."""
     by_matrix = [np.einsum("ni,ij,nj->n", rows, matrix, unit) for matrix in _SYMMETRIC]
     return np.column_stack([*by_matrix, rows])

@@ -27,6 +27,7 @@ def expected_errors(
     known_angles: KnownAngles,
     rig: Rig,
     *,
+    field_ned_ut: Sequence[float],
     tumble: Tumble | None = None,
     calibrations: Mapping[str, CalibratorRun] | None = None,
 ) -> dict[str, HeadingBound]:
@@ -37,6 +38,8 @@ def expected_errors(
 
     Parameters
     ----------
+    field_ned_ut
+        The earth's field.
     tumble
         Points of the calibrations.
     calibrations
@@ -45,9 +48,7 @@ def expected_errors(
     noise_counts, readings = _readings_of(known_angles, rig)
     if noise_counts < _LEAST_NOISE_COUNTS:
         return {}
-    dip = math.radians(rig.field.dip_deg)
-    north_down = (rig.field.strength_ut * math.cos(dip), 0.0, rig.field.strength_ut * math.sin(dip))
-    field, gravity = known_angles.rotate_to_body(north_down), known_angles.rotate_to_body((0.0, 0.0, 1.0))
+    field, gravity = known_angles.rotate_to_body(field_ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
     # Readings scale with the field's strength; the soft iron, a few per cent, changes their noise as little.
     nominal = MagnetometerFit(
         FitStatus.ELLIPSOID, False, 0, np.eye(3) / (COUNTS_PER_UT * rig.field.strength_ut), np.zeros(3)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from itertools import zip_longest
 from pathlib import Path
+from types import NoneType
 from typing import Any, NoReturn
 
 from hiltest.errors import ConfigError, DivergenceError
@@ -55,18 +56,8 @@ class Player(Tape):
         """Return a port that plays the recording; nothing is opened."""
         return _ReplayedPort(self, self.ask("port", {}, str, str))
 
-    def ask(
-        self,
-        name: str,
-        arguments: Mapping[str, Any],
-        hint: Any,
-        answer: Callable[[], Any],
-        *,
-        may_be_absent: bool = False,
-    ) -> Any:
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Answer a question from the recording."""
-        if may_be_absent and ((coming := self._coming_call()) is None or coming["call"] != name):
-            return None
         entry = self._question()
         call = None if entry is None else entry.call
         if call is None or call["call"] != name or call.get("given", {}) != arguments:
@@ -79,12 +70,14 @@ class Player(Tape):
             return Taped(self, str(gives), interface, None)
         return self._restore(lambda content: restored(hint, content), gives)
 
+    def ask_if_recorded(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+        """Answer a question if it is the next one of the recording; otherwise return None."""
+        return self.ask(name, arguments, hint, answer) if self._coming_call_name() == name else None
+
     def check(self, name: str, check: Callable[[], None]) -> None:
         """Raise the error of the recorded check, if it had one."""
-        if (call := self._coming_call()) is not None and call["call"] == name:
-            self._question()
-            self._finish_call(call)
-            raise self._restore(restored_error, call.get("raises"))
+        if self._coming_call_name() == name:
+            self.ask(name, {}, NoneType, check)
 
     def begin_test(self, test: str) -> None:
         """Store the name of the current test, for messages."""
@@ -148,13 +141,13 @@ class Player(Tape):
     def _next(self) -> TranscriptEntry | None:
         return self._entries[self._at] if self._at < len(self._entries) else None
 
-    def _coming_call(self) -> Mapping[str, Any] | None:
-        """Return the call that is the next question, if it is one, without going to it."""
+    def _coming_call_name(self) -> str:
+        """Return the name of the call that is the next question, without going to it; empty if it is no call."""
         for at in range(self._at, len(self._entries)):
             entry = self._entries[at]
             if entry.data or entry.call is not None:
-                return entry.call
-        return None
+                return "" if entry.call is None else str(entry.call["call"])
+        return ""
 
     def _question(self) -> TranscriptEntry | None:
         """Go to the next question of the recording, and skip empty reads."""

@@ -25,15 +25,7 @@ class Tape(ABC):
         """Return the port of the board; `opened` opens the real one."""
 
     @abstractmethod
-    def ask(
-        self,
-        name: str,
-        arguments: Mapping[str, Any],
-        hint: Any,
-        answer: Callable[[], Any],
-        *,
-        may_be_absent: bool = False,
-    ) -> Any:
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Return the answer to a question.
 
         Parameters
@@ -46,13 +38,15 @@ class Tape(ABC):
             Type of the answer.
         answer
             Asks the bench.
-        may_be_absent
-            True to answer None from a recording of an earlier version, which lacks the question.
         """
 
-    @abstractmethod
+    def ask_if_recorded(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
+        """Ask a question that recordings of earlier versions lack; the answer from such a recording is None."""
+        return self.ask(name, arguments, hint, answer)
+
     def check(self, name: str, check: Callable[[], None]) -> None:
         """Perform a check, which raises a HiltestError or does nothing; only an error is recorded."""
+        check()
 
     @abstractmethod
     def begin_test(self, test: str) -> None:
@@ -65,11 +59,11 @@ class Tape(ABC):
     def method(
         self, name: str, member: Member, answer: Callable[..., Any], *, may_be_absent: bool = False
     ) -> Callable[..., Any]:
-        """Return a method whose calls are questions."""
+        """Return a method whose calls are questions; recordings of earlier versions may lack them."""
+        ask = self.ask_if_recorded if may_be_absent else self.ask
 
         def asked(*positional: Any, **named: Any) -> Any:
-            arguments, answers = member.given(positional, named), partial(answer, *positional, **named)
-            return self.ask(name, arguments, member.hint, answers, may_be_absent=may_be_absent)
+            return ask(name, member.given(positional, named), member.hint, partial(answer, *positional, **named))
 
         return asked
 
@@ -81,21 +75,9 @@ class Live(Tape):
         """Open the port."""
         return opened()
 
-    def ask(
-        self,
-        name: str,
-        arguments: Mapping[str, Any],
-        hint: Any,
-        answer: Callable[[], Any],
-        *,
-        may_be_absent: bool = False,
-    ) -> Any:
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Ask the bench."""
         return answer()
-
-    def check(self, name: str, check: Callable[[], None]) -> None:
-        """Perform the check."""
-        check()
 
     def begin_test(self, test: str) -> None:
         """Do nothing."""

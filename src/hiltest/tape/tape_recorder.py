@@ -49,15 +49,7 @@ class Recorder(Tape):
         self.ask("port", {}, str, lambda: port.name)
         return _RecordedPort(self, port, clock)
 
-    def ask(
-        self,
-        name: str,
-        arguments: Mapping[str, Any],
-        hint: Any,
-        answer: Callable[[], Any],
-        *,
-        may_be_absent: bool = False,
-    ) -> Any:
+    def ask(self, name: str, arguments: Mapping[str, Any], hint: Any, answer: Callable[[], Any]) -> Any:
         """Ask the bench, and record the question with the answer."""
         if self._is_asking:
             return answer()
