@@ -21,10 +21,12 @@ from hiltest.boards.gdb_session import GdbSession
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.served_lines import PseudoTerminal
 from hiltest.errors import BoardFault
+from hiltest.link.gdb_packets import ACKNOWLEDGED, packet
 from hiltest.rig.bench_files import shipped
 from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.debugger import Debugger
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.program.elf import load_image
 
 from ..virtual.conftest import FLAGS, PROGRAMS
 from .gdb_client import WALL_LIMIT_S, GdbClient
@@ -431,9 +433,21 @@ class Quiet:
 
     def __init__(self, elf: Path) -> None:
         self.machine = VirtualK64F(elf)
-        self.machine.boot()
         self.debugger = Debugger(self.machine, on_stop=lambda: None)
         self.session = GdbSession(self.machine, self.debugger)
+
+
+def test_a_debugger_that_is_earlier_than_the_board_reads_its_program_and_never_half_a_reset(elf: Path) -> None:
+    quiet = Quiet(elf)
+    vectors = load_image(elf).segments[0].data[:8]
+    assert quiet.session.feed(b"$m0,8#01") == ACKNOWLEDGED + packet(vectors.hex().encode())
+    for restart in (quiet.machine.boot, quiet.machine.reset):
+        with quiet.debugger.halted():
+            resetting = threading.Thread(target=restart)
+            resetting.start()
+            resetting.join(0.05)
+            assert resetting.is_alive()  # a reset waits until the debugger has finished an access
+        resetting.join()
 
 
 def test_a_notice_of_a_halt_that_comes_when_the_processor_runs_again_says_nothing(elf: Path) -> None:

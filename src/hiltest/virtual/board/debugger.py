@@ -86,7 +86,8 @@ class Debugger:
         self.latest = Stop(StopReason.REQUESTED)
         self._machine, self._processor = machine, machine.processor
         self._on_stop = on_stop
-        self._changed = threading.Condition()  # guards the members below, and the processor while it is not running
+        # Guards the members below, and the processor while it is not running.
+        self._changed = threading.Condition(machine.access)
         self._halt = False  # a halt is requested
         self._in_core = False  # the board's thread is in the core
         self._step_range = range(0)  # a step continues while the PC stays in this range

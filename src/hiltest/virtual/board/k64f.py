@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -71,6 +72,8 @@ class VirtualK64F(VirtualCortexM4):
         Runs the processor as `Processor.run` does; a debugger replaces it.
     debugged : bool
         True while a debugger is connected.
+    access : threading.RLock
+        Held during a reset, and by a debugger while it reads or writes, so that it never sees half a reset.
     halted_s : float
         Wall time that the board has been halted so far [s].
 
@@ -99,12 +102,13 @@ class VirtualK64F(VirtualCortexM4):
         self._wires: list[InterruptWires] = []
         self.run_processor = self.processor.run
         self.debugged, self.halted_s = False, 0.0
+        self.access = threading.RLock()
 
     # -- reset --------------------------------------------------------------------------------
 
     def boot(self) -> None:
         """Power on: the next `run_until` starts the firmware from its vector table."""
-        with deferred_interrupt(lambda: None):
+        with self.access, deferred_interrupt(lambda: None):
             load_segments(self.processor.memory, self.image)
             self._chip.flash.power_on(self.image.segments)
             self._chip.watchdog_resets = 0
@@ -126,7 +130,7 @@ class VirtualK64F(VirtualCortexM4):
 
     def _reset(self, source: ResetSource) -> None:
         processor = self.processor
-        with deferred_interrupt(lambda: None):  # half a reset would execute the vector table as code
+        with self.access, deferred_interrupt(lambda: None):  # half a reset would execute the vector table as code
             processor.reset()
             self._chip.reset(source)
             stack, entry = vectors(processor.memory, self.image)
