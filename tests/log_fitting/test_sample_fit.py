@@ -318,6 +318,23 @@ def test_the_largest_hole_is_named_with_what_to_turn_to() -> None:
     assert "about the sensor's +x: turn it into the direction of the field" in " ".join(fit.notes)
 
 
+def test_readings_without_calibration_have_the_angle_to_the_best_calibration() -> None:
+    read = fit_on_host(_cloud(48.0 * sphere_directions(400) + [4.8, 0.0, 0.0])).as_read
+    assert read is not None
+    # A shift of a tenth of the radius turns a direction by 0.1 sin(angle) to first order: rms 0.1 sqrt(2/3).
+    assert read.direction_error_deg == pytest.approx(np.degrees(0.1 * np.sqrt(2.0 / 3.0)), rel=0.01)
+    assert fit_on_host(_drawn(1, 400, 0.1, 0.1), any_shape=False).as_read is None
+
+
+def test_a_calibration_that_is_worse_than_none_is_named() -> None:
+    random = np.random.default_rng(1)
+    cloud = _cloud(48.0 * sphere_directions(60) + random.normal(scale=1.5, size=(60, 3)))
+    fit = fit_on_host(cloud)
+    assert fit.as_read is not None
+    assert "direct" in fit.worse_than_none
+    assert any(note.startswith(f"{', '.join(fit.worse_than_none)}: worse than as read") for note in fit.notes)
+
+
 def test_a_known_strength_is_compared_and_needs_a_unit() -> None:
     fit = fit_on_host(_drawn(1, 400, 1.0, 0.4), field_ut=40.0)
     assert f"The radius is {fit.best.radius / 40.0:.2f} of the field" in " ".join(fit.notes)

@@ -106,6 +106,7 @@ def test_many_calibrators_stand_in_tables_that_fit_a_page() -> None:
     cloud = Samples(Path("cloud.csv"), golden_points(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
     fit = fit_on_host(cloud, ALL)
     tables = figure_tables(fit)
-    assert [fit.name for table in tables for fit in table.fits] == [calibrator.name for calibrator in fit.calibrators]
+    names = [fit.name for table in tables for fit in table.fits]
+    assert names == [*(calibrator.name for calibrator in fit.calibrators), "as read"]
     assert max(len(table.fits) for table in tables) <= 5
     assert all(len(cells) == len(table.fits) for table in tables for _, cells in table.rows)

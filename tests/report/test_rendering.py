@@ -187,6 +187,21 @@ def test_markup_in_names_does_not_style_the_terminal(hostile: Run, tmp_path: Pat
     assert "[red]x[/red]" in text
 
 
+@pytest.mark.parametrize(("as_read_deg", "marked"), [(11.5, False), (0.3, True)])
+def test_a_calibrator_stands_beside_the_heading_as_read_and_is_marked_if_worse(
+    findings: Make, good: list[Measurement], tmp_path: Path, as_read_deg: float, marked: bool
+) -> None:
+    measured = findings(*good, check("heading.uncalibrated.max", as_read_deg, unit="deg"))
+    run = measured.finish(decide(measured, pytest_exit=0), "")
+    for report in (
+        summary(run, tmp_path, verbose=False, width=80, colour=False),
+        Page(html_report(run)).text,
+        markdown_report(run),
+    ):
+        assert "as read" in report
+        assert ("worse than as read" in report) == marked
+
+
 @pytest.mark.parametrize(
     ("ends", "ticks"),
     [((0, 1), (0, 0.2, 0.4, 0.6, 0.8, 1.0)), ((-2.1, 2.1), (-2, -1, 0, 1, 2)), ((0, 36.7), (0, 10, 20, 30))],

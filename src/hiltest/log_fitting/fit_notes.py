@@ -40,6 +40,8 @@ def notes(fit: SampleFit) -> Iterator[str]:
         )
     yield from _left_out_notes(fit)
     yield from _coverage_notes(fit)
+    if fit.worse_than_none:
+        yield f"{', '.join(fit.worse_than_none)}: worse than as read, without calibration; do not use it."
     if fit.gravity is not None and fit.gravity.unused:
         yield fit.gravity.axes or f"Gravity was not used: {fit.gravity.unused}."
     ratio = fit.best.axis_ratio

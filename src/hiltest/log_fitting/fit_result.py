@@ -176,6 +176,9 @@ class SampleFit:
     calibrators: tuple[CalibratorFit, ...]
     notes: tuple[str, ...]
     """Notes, one sentence each."""
+    as_read: CalibratorFit | None = None
+    """Readings without calibration. Their direction error is the rms angle to those of the best calibration by norms
+    alone; None if that is refused, or fits a turn."""
     gravity: AgainstGravity | None = None
     """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
 
@@ -183,6 +186,12 @@ class SampleFit:
     def n_left(self) -> int:
         """Number of readings that are not omitted."""
         return self.n_in - self.n_dropped - (self.n_repeated if self.robust != "none" else 0)
+
+    @property
+    def worse_than_none(self) -> list[str]:
+        """Calibrators with a larger direction error than that of the readings without calibration."""
+        as_read_deg = math.inf if self.as_read is None else self.as_read.direction_error_deg or 0.0
+        return [fit.name for fit in self.calibrators if (fit.direction_error_deg or 0.0) > as_read_deg]
 
     @property
     def best(self) -> CalibratorFit:

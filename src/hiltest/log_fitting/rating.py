@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration import is_unbiased
-from hiltest.calibration.acceptance import FitFigures, rate, status_words
+from hiltest.calibration.acceptance import Acceptance, FitFigures, rate, status_words
 from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
-from hiltest.calibration.fit import MagnetometerFit
-from hiltest.calibration.quality import residual_of_corrected_percent
+from hiltest.calibration.fit import FitStatus, MagnetometerFit
+from hiltest.calibration.quality import direction_difference_rms_deg, residual_of_corrected_percent
 from hiltest.calibration.shapes import Shape, fit_shape
 from hiltest.calibration.solid_angle import solid_angle_covered
 from hiltest.log_fitting.fit_result import CalibratorFit, Triple, Turn
@@ -54,6 +54,21 @@ class Rating:
         if self._predicted[0] is not used:
             self._predicted = used, ErrorPrediction(used)
         return self._predicted[1]
+
+    def as_read(self, best: CalibratorFit) -> CalibratorFit | None:
+        """Rate the readings without calibration, their error being the rms angle to the best calibration's directions.
+
+        The result is None if that calibration is refused, or does not apply to all directions.
+        """
+        if best.hard_iron is None or best.radius is None or best.verdict is Acceptance.REFUSED or best.turn is not None:
+            return None
+        length = float(np.linalg.norm(self._samples.points, axis=1).mean())
+        raw = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, np.eye(3) / length, np.zeros(3))
+        soft_iron, hard_iron = np.array(best.soft_iron) / best.radius, np.array(best.hard_iron)
+        calibrated = replace(raw, soft_iron=soft_iron, hard_iron=hard_iron)
+        error = DirectionError(spread_deg=0.0, bias_deg=direction_difference_rms_deg(raw, calibrated))
+        figures = FitFigures(FitStatus.ELLIPSOID)
+        return replace(self._rate_fit("as read", raw, figures, error), status="none", n_used=len(self._samples.points))
 
     def shape(self, shape: Shape, field: float | None, left_out_percent: float) -> CalibratorFit:
         """Fit and rate a shape, with the field's strength in the samples' unit if it is known."""

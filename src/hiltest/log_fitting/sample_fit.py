@@ -223,6 +223,7 @@ class _Log:
             firmware=firmware,
             calibrators=(*fits, *against),
             notes=(),
+            as_read=self.rating.as_read(best),
             gravity=log,
         )
         return replace(fit, notes=(*self._samples.notes, *notes(fit)))

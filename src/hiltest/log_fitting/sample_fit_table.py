@@ -70,8 +70,17 @@ def _select_shown(fit: SampleFit) -> SampleFit:
     The latter are all refused for one reason.
     """
     if fit.best.shape:
-        return replace(fit, calibrators=(fit.best,), firmware=None)
-    return replace(fit, calibrators=tuple(calibrator for calibrator in fit.calibrators if calibrator.gravity is None))
+        return replace(fit, calibrators=(fit.best, *_as_read(fit)), firmware=None)
+    return replace(fit, calibrators=_fits_of_norms(fit))
+
+
+def _fits_of_norms(fit: SampleFit) -> tuple[CalibratorFit, ...]:
+    """Return the calibrators of norms alone, then the readings without calibration."""
+    return (*(calibrator for calibrator in fit.calibrators if calibrator.gravity is None), *_as_read(fit))
+
+
+def _as_read(fit: SampleFit) -> tuple[CalibratorFit, ...]:
+    return () if fit.as_read is None else (fit.as_read,)
 
 
 def _grid(fit: SampleFit) -> Table:
@@ -139,7 +148,7 @@ class FigureTable:
 def figure_tables(fit: SampleFit) -> list[FigureTable]:
     """Return the figures of a fit with hard and soft iron; those against gravity separately, because six do not fit."""
     label = f"cycles, {fit.firmware.cycle_model}" if fit.firmware else ""
-    norms = tuple(calibrator for calibrator in fit.calibrators if calibrator.gravity is None)
+    norms = _fits_of_norms(fit)
     tables = []
     for first in range(0, len(norms), _MOST_COLUMNS):
         part = replace(fit, calibrators=norms[first : first + _MOST_COLUMNS])

@@ -12,12 +12,16 @@ from hiltest.report.terminal import shown_limit, shown_value
 from hiltest.run_record.run import BoardRecord, Run
 from hiltest.text import format_number, short_test_id
 from hiltest.verdict.calibrators import (
+    AS_READ,
     FROM_FLASH,
     UNCALIBRATED,
     WITH_WAITS,
     WITHOUT_WAITS,
+    WORSE_THAN_NONE,
     CalibratorCost,
     calibrator_costs,
+    heading_as_read,
+    is_worse_than_none,
 )
 from hiltest.verdict.summary import MAY_EXCEED
 from hiltest.verdict.wording import revision
@@ -90,13 +94,13 @@ class Group:
 
 
 def accuracy_and_cost(run: Run) -> AccuracyAndCost:
-    """Return the table: calibrators by cost, then streaming ones, then the uncalibrated heading.
+    """Return the table: calibrators by cost, then streaming ones, then the heading as read, without calibration.
 
     Empty columns are omitted.
     """
     rows = [CalibratorRow(cost.name, _cells(run, cost)) for cost in calibrator_costs(run)]
     if run.measurement(f"heading.{UNCALIBRATED}.max"):
-        rows.append(CalibratorRow(UNCALIBRATED, _cells(run, CalibratorCost(UNCALIBRATED, None))))
+        rows.append(CalibratorRow(AS_READ, _cells(run, CalibratorCost(UNCALIBRATED, None))))
     has_text = [any(row.cells[place].text for row in rows) for place in range(len(HEADINGS))]
     headings = tuple(compress(HEADINGS, has_text))
     waited = [
@@ -228,6 +232,8 @@ def _cells(run: Run, cost: CalibratorCost) -> tuple[Cell, ...]:
     accuracy, more = (
         [_cell(run, pattern.format(cost.name)) for _, pattern in columns] for columns in (_ACCURACY, _MORE)
     )
+    if is_worse_than_none(run.measurement(f"heading.{cost.name}.max"), heading_as_read(run.measurements)):
+        accuracy = [replace(cell, note=WORSE_THAN_NONE) for cell in accuracy]
     total, *parts = _stream_cells(run, cost) if cost.is_streaming else _batch_cells(run, cost.name)
     stack = _cell(run, f"firmware.{cost.name}.stack")
     return (*accuracy, total, _cell(run, FROM_FLASH.format(cost.name)), *more, *parts, stack)

@@ -19,7 +19,7 @@ from hiltest.run_record.failures import group_by_reason, tests_named
 from hiltest.run_record.files import REPORT_FILE
 from hiltest.run_record.run import CoverageRecord, Run
 from hiltest.text import format_count, format_number, format_with_unit, number, short_test_id
-from hiltest.verdict.calibrators import WITH_WAITS, WITHOUT_WAITS
+from hiltest.verdict.calibrators import AS_READ, WITH_WAITS, WITHOUT_WAITS, WORSE_THAN_NONE, is_worse_than_none
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import (
     CLOSE,
@@ -225,8 +225,14 @@ def _print_calibrators(console: Console, summary_of_run: Summary, expected: str)
     for result, *cells in zip(results, *(cells for _, cells in columns), strict=True):
         style = "red" if result.maximum.gates or (result.cycles and result.cycles.gates) else ""
         grid.add_row(escape(result.name), *cells, style=style)
+    as_read = summary_of_run.as_read
+    if as_read is not None:
+        grid.add_row(AS_READ, shown_value(as_read))
     console.print()
     console.print(grid)
+    worse = [result.name for result in results if is_worse_than_none(result.maximum, as_read)]
+    if worse:
+        _print_wrapped(console, f"{', '.join(worse)}: {WORSE_THAN_NONE}.", "red")
     if expected:
         _print_wrapped(console, expected)
 

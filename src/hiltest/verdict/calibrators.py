@@ -12,6 +12,10 @@ from hiltest.run_record.run import Run
 WORST_HEADING = KINDS["heading.{calibrator}.max"]
 MEAN_ERROR = KINDS["heading.{calibrator}.bias"]
 UNCALIBRATED = "uncalibrated"
+AS_READ = "as read"
+"""Row of the heading without calibration in a table of calibrators."""
+WORSE_THAN_NONE = "worse than as read"
+"""Mark of a calibration with a larger worst heading error than no calibration."""
 FROM_FLASH = "cycles.{}.from_flash"
 WITHOUT_WAITS, WITH_WAITS = "cycles without memory waits (ranked)", "cycles as it runs from flash"
 """Headings of both columns of cycles if something was counted with the waits of memories."""
@@ -50,6 +54,18 @@ def calibrator_results(measurements: Sequence[Measurement]) -> tuple[CalibratorR
     results = [_calibrator_result(name, by_name) for name in names if name != UNCALIBRATED]
     order = cheapest_first({result.name: result.cycles for result in results})
     return tuple(sorted(results, key=lambda result: order.index(result.name)))
+
+
+def heading_as_read(measurements: Sequence[Measurement]) -> Measurement | None:
+    """Return the worst heading error without calibration; None if it has no number."""
+    name = f"heading.{UNCALIBRATED}.max"
+    return next((measurement for measurement in measurements if measurement.name == name and measurement.value), None)
+
+
+def is_worse_than_none(maximum: Measurement | None, as_read: Measurement | None) -> bool:
+    """Return whether a worst heading error is larger than the one without calibration."""
+    calibrated_deg, as_read_deg = value_of(maximum), value_of(as_read)
+    return calibrated_deg is not None and as_read_deg is not None and calibrated_deg > as_read_deg
 
 
 def cheapest_first(costs: Mapping[str, Measurement | None]) -> list[str]:

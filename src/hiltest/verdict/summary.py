@@ -19,7 +19,7 @@ from hiltest.measurement import (
 from hiltest.run_record.failures import failed_otherwise, out_of_limit
 from hiltest.run_record.run import Findings, Run, TestResult
 from hiltest.text import format_count, format_number, hundredths, join_words, number
-from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, value_of
+from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, heading_as_read, value_of
 from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 from hiltest.verdict.reported_headings import FIRMWARE, next_step
@@ -89,6 +89,8 @@ class Summary:
     """Calibrator that the ratios refer to; empty without one."""
     calibrators: tuple[CalibratorLine, ...]
     """Calibrators, cheapest first."""
+    as_read: Measurement | None
+    """Worst heading error without calibration; None if it was not measured."""
     close: tuple[Measurement, ...]
     """Measurements within `CLOSE` of a limit, or whose uncertainty range crosses it; at most `CLOSE_AT_MOST`."""
 
@@ -135,6 +137,7 @@ def summarise(run: Run | Findings) -> Summary:
             for result in sorted(results, key=lambda result: result.name != FIRMWARE)
             if result.maximum.limit or result.cycles or FIRMWARE in named
         ),
+        as_read=heading_as_read(measurements),
         close=close_to_limit(measurements),
     )
 
