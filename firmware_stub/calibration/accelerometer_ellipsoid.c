@@ -95,7 +95,7 @@ FAST_CODE void accelerometer_ellipsoid(const still_poses_t *poses, accelerometer
     find_anchor(poses, anchor);
     sum_moments(poses, anchor, &sums);
     fit_closed_form(&sums, anchor, &ellipsoid);
-    if (ellipsoid.status != FIT_ELLIPSOID) {
+    if (ellipsoid.status != FIT_ELLIPSOID || ellipsoid.coverage > COVERAGE_LIMIT) {
         accelerometer_no_fit(status_of(ellipsoid.status), 0, NO_POSE, fit);
         return;
     }

@@ -50,9 +50,10 @@ FAST_CODE void moments_adjust(const moments_t *sums, float variance, moments_t *
     a->xxyz = s->xxyz - v * s->yz;
 }
 
-/* [sum D z^2] */
-static inline float squares(const moments_t *s, const quadric_t *d)
+FAST_CODE float moments_residual(const moments_t *sums, const quadric_t *quadric)
 {
+    const moments_t *const s = sums;
+    const quadric_t *const d = quadric;
     const symmetric_t *const a = &d->shape;
     const float twice = a->xy * s->xyzz + a->xz * s->xzzz + a->yz * s->yzzz;
     return a->xx * s->xxzz + a->yy * s->yyzz + a->zz * s->zzzz + 2.0f * twice + d->linear[0] * s->xzz + d->linear[1] * s->yzz +
@@ -78,5 +79,5 @@ static inline float squared_slopes(const moments_t *s, const quadric_t *d)
 
 FAST_CODE float moments_noise_step(const moments_t *adjusted, const quadric_t *quadric)
 {
-    return squares(adjusted, quadric) / squared_slopes(adjusted, quadric);
+    return moments_residual(adjusted, quadric) / squared_slopes(adjusted, quadric);
 }

@@ -38,4 +38,13 @@ void moments_adjust(const moments_t *sums, float variance, moments_t *adjusted);
  */
 float moments_noise_step(const moments_t *adjusted, const quadric_t *quadric);
 
+/**
+ * Return sum D z^2, which for D fitted by least squares is sum D^2.
+ *
+ * @param sums moments that the quadric was fitted to
+ * @param quadric D
+ * @return sum [counts^4]
+ */
+float moments_residual(const moments_t *sums, const quadric_t *quadric);
+
 #endif

@@ -2,46 +2,53 @@
  * @file closed_form.h
  * @brief From moments to a calibration without an iteration over points: what `direct`, `corrected` and `direct-stream` share.
  *
+ * A calibration that may be worse than none is not handed out: closed_form.c predicts its error.
+ *
  * The equations are those of direct.c: normal_equations.h solves eq. 44 of the thesis, quadric.h finds centre and level, square_root.h
  * the symmetric root.
- *
- * In a header so that each calibrator is compiled whole: a call would cost each some cycles, and they are compared by cycles.
  */
 #ifndef HILTEST_CLOSED_FORM_H
 #define HILTEST_CLOSED_FORM_H
 
 #include "fit_result.h"
 #include "normal_equations.h"
-#include "square_root.h"
 
 /* Largest M_ii/d_i on the mid-range anchor: at most 1.7 for a full sphere, 6 to 30 for half of one, 31 to 158 for 30 % of one
- * (simulated at 0.4 uT). Beyond this the ellipsoid follows the noise, not the field. */
+ * (simulated at 0.4 uT). For calibrators that do not predict their error. */
 #define COVERAGE_LIMIT 30.0f
+
+/* A fit whose predicted rms error of directions is larger is refused; the host has the same number, as a test checks. */
+#define LARGEST_DIRECTION_ERROR_DEG 5.0f
 
 /**
  * Fit the quadric of unit trace.
  *
- * @param sums moments of at least FIT_ELLIPSOID_UNKNOWNS points about the anchor, which is near their middle
- * @param anchor [counts]
- * @param[out] quadric the solution
- * @param[out] ellipsoid what the solution is
+ * @param sums moments of at least FIT_ELLIPSOID_UNKNOWNS points about an anchor near their middle
+ * @param[out] solution its quadric
+ * @param[out] ellipsoid of the solution
  * @param[out] fit its coverage; all but the iterations when there is no ellipsoid
- * @return whether there is one
+ * @return whether there is an ellipsoid
  */
-static inline __attribute__((always_inline)) bool fit_ellipsoid(const moments_t *sums, const int32_t anchor[3], quadric_t *quadric,
-                                                                ellipsoid_t *ellipsoid, magnetometer_fit_t *fit)
-{
-    fit->coverage = quadric_fit(sums, quadric);
-    if (fit->coverage > COVERAGE_LIMIT) {
-        fit_sphere(sums, anchor, FIT_POOR_COVERAGE, fit);
-        return false;
-    }
-    if (!quadric_ellipsoid(quadric, ellipsoid)) {
-        fit_sphere(sums, anchor, FIT_NOT_AN_ELLIPSOID, fit);
-        return false;
-    }
-    return true;
-}
+bool fit_ellipsoid(const moments_t *sums, solution_t *solution, ellipsoid_t *ellipsoid, magnetometer_fit_t *fit);
+
+/**
+ * Predict the rms angle between directions by this ellipsoid and the true ones, over the sphere, and compare it with the largest.
+ *
+ * With A near a third of the identity, an error (dA, dg, dj) turns directions by the mean square
+ * `9/20 |dA|^2 + |dg + 2 dA centre|^2 / (2 level)`. Its covariance is that of least squares: the inverse of the normal matrix times
+ * the variance of D, by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21, 1979) n sum D^2 / (n - 9)^2. Of that
+ * inverse, whose factors are 1/d and rows of the inverse of L, the last row is used whole, since it has the combination of unknowns
+ * that a part of the sphere determines worst, and of the others only the diagonal. The last row also has the bias that noise makes.
+ *
+ * @param s moments that the fit was made from
+ * @param residual sum D^2 [counts^4]
+ * @param bias_share part of the bias that the fit has: 1 of least squares
+ * @param solution of it
+ * @param ellipsoid of the solution's quadric
+ * @return whether it is at most LARGEST_DIRECTION_ERROR_DEG: never for nine points, which leave no residual
+ */
+bool fit_is_accurate(const moments_t *s, float residual, float bias_share, const solution_t *solution,
+                     const ellipsoid_t *ellipsoid);
 
 /**
  * Store the symmetric matrix and the offset that take an ellipsoid to the unit sphere.
@@ -52,29 +59,10 @@ static inline __attribute__((always_inline)) bool fit_ellipsoid(const moments_t 
  * @param status of the fit
  * @param[out] fit coverage and iterations are left alone
  */
-static inline __attribute__((always_inline)) void fit_calibration(const quadric_t *quadric, const ellipsoid_t *ellipsoid,
-                                                                  const int32_t anchor[3], fit_status_t status,
-                                                                  magnetometer_fit_t *fit)
-{
-    fit->status = status;
-    fit->is_sphere = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        fit->hard_iron[axis] = (float)anchor[axis] + ellipsoid->centre[axis];
-    }
-    symmetric_square_root(&quadric->shape, ellipsoid->minors, ellipsoid->determinant, 1.0f / __builtin_sqrtf(ellipsoid->level),
-                          fit->soft_iron);
-}
+void fit_calibration(const quadric_t *quadric, const ellipsoid_t *ellipsoid, const int32_t anchor[3], fit_status_t status,
+                     magnetometer_fit_t *fit);
 
-/** Fit the quadric of unit trace, and calibrate by its ellipsoid or by the sphere: all of `fit` but the iterations. */
-static inline __attribute__((always_inline)) void
-fit_closed_form(const moments_t *sums, const int32_t anchor[3], magnetometer_fit_t *fit)
-{
-    quadric_t quadric;
-    ellipsoid_t ellipsoid;
-
-    if (fit_ellipsoid(sums, anchor, &quadric, &ellipsoid, fit)) {
-        fit_calibration(&quadric, &ellipsoid, anchor, FIT_ELLIPSOID, fit);
-    }
-}
+/** Fit the quadric of unit trace, and calibrate by its ellipsoid, or refuse it: all of `fit` but the iterations. */
+void fit_closed_form(const moments_t *sums, const int32_t anchor[3], magnetometer_fit_t *fit);
 
 #endif

@@ -8,7 +8,7 @@
  *  - eq. 45: M99 is 2N; eq. 46 is summed over the points. The factor 2 on both sides is left out.
  *  - eq. 53 to 64: with the centre `x0 = -A^-1 g / 2` and the level `k = x0' A x0 - j`, soft iron is `A^(1/2) / sqrt(k)` and hard
  *    iron x0. Printed are q where 1/q belongs, and k with the wrong sign.
- *  - eq. 52 needs A positive definite: a quadric that is not is no ellipsoid, and is answered by the sphere fit.
+ *  - eq. 52 needs A positive definite: a quadric that is not is no ellipsoid, and is refused.
  */
 #include "closed_form.h"
 #include "fast_code.h"

@@ -3,7 +3,7 @@
  * @brief `direct-fast`: the fit of `direct` on moments of two points a word: fewer cycles, for an error that is printed beside them.
  *
  * The equations are those of direct.c (Mucciaccia 2020, eq. 36 to 65, corrected). The sums are rounded, in a scheme of our own:
- * packed_moments.h. What they do not carry is left to `direct`: a plane is one only if its pivots vanish.
+ * packed_moments.h. What they do not carry is left to `direct`: small pivots, and so the error that these predict.
  */
 #include "closed_form.h"
 #include "fast_code.h"
@@ -23,7 +23,7 @@ FAST_CODE void magnetometer_direct_fast(const magnetometer_points_t *points, mag
     moments_anchor(points, anchor);
     packed_moments_sum(points, anchor, &sums);
     fit_closed_form(&sums, anchor, fit);
-    if (fit->status != FIT_ELLIPSOID) {
+    if (fit->status != FIT_ELLIPSOID || fit->coverage > COVERAGE_LIMIT) {
         magnetometer_direct(points, fit);
     }
 }

@@ -179,6 +179,7 @@ FAST_CODE void magnetometer_gauss_newton(const magnetometer_points_t *points, ma
     frame_t frame;
     moments_t sums;
     sphere_t sphere;
+    solution_t solution;
     quadric_t quadric;
     ellipsoid_t ellipsoid;
     float p[UNKNOWNS];
@@ -191,7 +192,7 @@ FAST_CODE void magnetometer_gauss_newton(const magnetometer_points_t *points, ma
     }
     moments_anchor(points, frame.anchor);
     moments_sum(points, frame.anchor, &sums);
-    fit->coverage = quadric_fit(&sums, &quadric);
+    fit->coverage = quadric_fit(&sums, &solution);
     if (fit->coverage > COVERAGE_LIMIT || !sphere_from_moments(&sums, &sphere)) {
         fit_sphere(&sums, frame.anchor, FIT_POOR_COVERAGE, fit);
         return;

@@ -76,6 +76,7 @@ FAST_CODE void magnetometer_li(const magnetometer_points_t *points, magnetometer
 {
     int32_t anchor[3];
     moments_t sums;
+    solution_t solution;
     quadric_t quadric;
     ellipsoid_t ellipsoid;
     products_t products;
@@ -89,7 +90,7 @@ FAST_CODE void magnetometer_li(const magnetometer_points_t *points, magnetometer
     }
     moments_anchor(points, anchor);
     moments_sum(points, anchor, &sums);
-    fit->coverage = quadric_fit(&sums, &quadric);
+    fit->coverage = quadric_fit(&sums, &solution);
     if (fit->coverage > COVERAGE_LIMIT) {
         fit_sphere(&sums, anchor, FIT_POOR_COVERAGE, fit);
         return;

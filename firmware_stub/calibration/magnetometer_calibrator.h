@@ -26,8 +26,8 @@ typedef struct {
 /** How a fit ended. The values are part of the link protocol. */
 typedef enum {
     FIT_ELLIPSOID = 0,
-    FIT_NOT_AN_ELLIPSOID, /**< the best quadric is something else; the sphere fit is returned */
-    FIT_POOR_COVERAGE,    /**< too little of the sphere is covered; the sphere fit is returned */
+    FIT_NOT_AN_ELLIPSOID, /**< the best quadric is something else; no fit, or the sphere fit */
+    FIT_POOR_COVERAGE,    /**< the points determine too little, or the predicted error is too large; no fit, or the sphere fit */
     FIT_TOO_FEW_POINTS,   /**< fewer than the unknowns; no fit */
     FIT_SINGULAR,         /**< points on a plane, a line or one spot; no fit */
     FIT_NOT_CONVERGED,    /**< iteration limit reached; the fit is what there was by then, the sphere fit if no ellipsoid */

@@ -89,9 +89,9 @@ static inline uint32_t bits(float value)
     return same.bits;
 }
 
-/* Factor the first nine rows and carry the tenth along: then row i holds L_ij in column j, and row 9 what L' x is. Returns the
- * largest M_jj/d_j; of a pivot that vanishes it is infinite, negative, or not a number. */
-static FAST_CODE float factor(augmented_t m)
+/* Factor the first nine rows and carry the tenth along: then row i holds L_ij in column j, and row 9 what L' x is. Stores 1/d_j,
+ * and returns the largest M_jj/d_j; of a pivot that vanishes it is infinite, negative, or not a number. */
+static FAST_CODE float factor(augmented_t m, float reciprocals[UNKNOWNS])
 {
     float diagonal[UNKNOWNS];
     for (int j = 0; j < UNKNOWNS; j++) {
@@ -109,18 +109,19 @@ static FAST_CODE float factor(augmented_t m)
             m[k][j] = scaled;
         }
         m[UNKNOWNS][j] = -(m[UNKNOWNS][j] * reciprocal);
+        reciprocals[j] = reciprocal;
     }
     return bits(worst) < bits(COVERAGE_SINGULAR) ? worst : COVERAGE_SINGULAR;
 }
 
-FAST_CODE float quadric_fit(const moments_t *sums, quadric_t *quadric)
+FAST_CODE float quadric_fit(const moments_t *sums, solution_t *solution)
 {
     augmented_t m;
     float x[UNKNOWNS]; /* a, b, d, e, f, g, h, i, j; c = 1 - a - b */
     assemble_quadratic(sums, m);
     assemble_linear(sums, m);
     assemble_target(sums, m);
-    const float worst = factor(m);
+    const float worst = factor(m, solution->pivot_variance);
     if (worst >= COVERAGE_SINGULAR) {
         return worst;
     }
@@ -130,6 +131,14 @@ FAST_CODE float quadric_fit(const moments_t *sums, quadric_t *quadric)
             x[i] -= m[k][i] * x[k];
         }
     }
+    float *const weakest = solution->weakest;
+    for (int i = SOLUTION_UNKNOWNS - 1; i >= 0; i--) {
+        weakest[i] = m[SOLUTION_UNKNOWNS][i];
+        for (int k = SOLUTION_UNKNOWNS - 1; k > i; k--) {
+            weakest[i] -= m[k][i] * weakest[k];
+        }
+    }
+    quadric_t *const quadric = &solution->quadric;
     quadric->shape = (symmetric_t){
         .xx = x[0], .xy = 0.5f * x[2], .xz = 0.5f * x[3], .yy = x[1], .yz = 0.5f * x[4], .zz = 1.0f - x[0] - x[1]};
     quadric->linear[0] = x[5];

@@ -11,6 +11,17 @@
 /** What stands for M_ii/d_i when a pivot vanishes: float32 cannot tell larger ratios from rounding. */
 #define COVERAGE_SINGULAR 1.0e6f
 
+/** The unknowns but the constant, in their order. */
+#define SOLUTION_UNKNOWNS 8
+
+/** What least squares finds, and the error that it leaves least determined. */
+typedef struct {
+    quadric_t quadric;
+    /** The constant's error moves the other unknowns by -weakest of it: the last row of L, solved for. */
+    float weakest[SOLUTION_UNKNOWNS];
+    float pivot_variance[SOLUTION_UNKNOWNS + 1]; /**< 1/d of each pivot; stored even if there is no solution */
+} solution_t;
+
 /**
  * Fit the quadric of unit trace by least squares.
  *
@@ -19,9 +30,9 @@
  * The 9x9 normal equations are factored as L D L^T without pivoting, in the order (x^2-z^2, y^2-z^2, xy, xz, yz, x, y, z, 1).
  *
  * @param sums moments about the mid-range
- * @param[out] quadric the solution; untouched when there is none
+ * @param[out] solution all but the pivots are untouched when there is none
  * @return largest M_ii/d_i over the pivots (1 when all columns are orthogonal), or COVERAGE_SINGULAR when there is no solution
  */
-float quadric_fit(const moments_t *sums, quadric_t *quadric);
+float quadric_fit(const moments_t *sums, solution_t *solution);
 
 #endif

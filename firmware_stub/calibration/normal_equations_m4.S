@@ -1,5 +1,5 @@
-/* quadric_fit() of normal_equations.h for a Cortex-M4 with FPU: to the last bit what normal_equations.c does, in 865 cycles where a
- * compiler takes 1161.
+/* quadric_fit() of normal_equations.h for a Cortex-M4 with FPU: to the last bit what normal_equations.c does, in 952 cycles. A compiler
+ * took 296 more than this for the quadric alone.
  *
  * The FPU loads and stores N words that lie side by side in 1 + N cycles, and one by one in 2 N; a compiler does not see that. So
  * the 31 moments of degree 2 to 4 come in one load. Columns 0 to 2 of all ten rows are reduced where they were loaded; of what they
@@ -7,7 +7,7 @@
  * one before, if another can stand between, and integer instructions hide behind divisions.
  *
  * Each register has a name. aij is the element in row i and column j: once columns before j have been taken from it, L_ij d_j. lij is
- * L_ij, recipj is 1/d_j, yj is -L_9j, where the solution starts from, and xj the solution. */
+ * L_ij, recipj is 1/d_j, yj is -L_9j, where the solution starts from, xj the solution, and wj what solution_t names weakest. */
 #if defined(__ARM_ARCH_7EM__) && defined(__ARM_PCS_VFP) /* as in normal_equations.c */
 
     .syntax unified
@@ -47,7 +47,23 @@
     .set L_ROWS_5_TO_8, 88
     .set FRAME, 148
 
-/* r0 are the sums, r1 the quadric. */
+/* Where solution_t has w0 to w7 and 1/d0 to 1/d8, behind the quadric [bytes] */
+    .set W3, 52
+    .set W4, 56
+    .set W5, 60
+    .set W6, 64
+    .set W7, 68
+    .set RECIP0, 72
+    .set RECIP1, 76
+    .set RECIP2, 80
+    .set RECIP3, 84
+    .set RECIP4, 88
+    .set RECIP5, 92
+    .set RECIP6, 96
+    .set RECIP7, 100
+    .set RECIP8, 104
+
+/* r0 are the sums, r1 the solution. */
 worst   .req r2     /* ratio so far, as bits: positive floats are in the order of unsigned numbers, all else is larger */
 latest  .req r3     /* ratio, not compared yet */
 element .req r12    /* of the diagonal, before anything was taken from it */
@@ -295,6 +311,9 @@ a98     .req s10
     vnmul.f32 l0, a90, recip0
     vnmul.f32 l1, a91, recip1
     vnmul.f32 l2, a92, recip2
+    vstr recip0, [r1, #RECIP0]
+    vstr recip1, [r1, #RECIP1]
+    vstr recip2, [r1, #RECIP2]
 one     .req s21
     vmov.f32 one, #1.0
     vstmia waiting!, {l0-l2}
@@ -375,8 +394,10 @@ l84     .req s15
     less_2 a88, a84, l84, a98, a94, l84
 y3      .req s16
     vnmul.f32 y3, a93, recip3
+    vstr recip3, [r1, #RECIP3]
 y4      .req s17
     vnmul.f32 y4, a94, recip4
+    vstr recip4, [r1, #RECIP4]
 one     .req s5
     vmov.f32 one, #1.0
 
@@ -393,6 +414,7 @@ l85     .req s6
     vmul.f32 l85, a85, recip5
 y5      .req s7
     vnmul.f32 y5, a95, recip5
+    vstr recip5, [r1, #RECIP5]
     less_2 a66, a65, l65, a76, a75, l65
     less_2 a86, a85, l65, a96, a95, l65
     less_2 a77, a75, l75, a87, a85, l75
@@ -414,6 +436,7 @@ l86     .req s22
     vmov latest, prod0
 y6      .req s23
     vnmul.f32 y6, a96, recip6
+    vstr recip6, [r1, #RECIP6]
     less_2 a77, a76, l76, a87, a86, l76
     vmul.f32 prod0, a96, l76
     vmul.f32 prod1, a86, l86
@@ -430,6 +453,7 @@ l87     .req s25
     vmul.f32 prod0, prod0, recip7
 y7      .req s18
     vnmul.f32 y7, a97, recip7
+    vstr recip7, [r1, #RECIP7]
     vmov latest, prod0
     less_2 a88, a87, l87, a98, a97, l87
 
@@ -438,6 +462,7 @@ recip8  .req s13
     divide recip8, a88, ONE
 x8      .req s31
     vnmul.f32 x8, a98, recip8
+    vstr recip8, [r1, #RECIP8]
     vmul.f32 prod0, prod0, recip8
     movw r12, #0x2400           /* COVERAGE_SINGULAR, as bits */
     movt r12, #0x4974
@@ -469,9 +494,41 @@ x3      .req s16
     less_2 y4, l64, x6, y3, l63, x6
     less_2 x4, l54, x5, x3, l53, x5
     vmul.f32 prod0, l43, x4
+
+/* w7 to w3, which begin as row 8 of L */
+w7      .req s25                /* l87 */
+w6      .req s22                /* l86 */
+w5      .req s23
+w4      .req s15                /* l84 */
+w3      .req s18
+    vstr w7, [r1, #W7]
+    vsub.f32 x3, x3, prod0
+    vmul.f32 prod0, l76, w7
+    vmul.f32 prod1, l75, w7
+    vsub.f32 w6, w6, prod0
+    vsub.f32 w5, l85, prod1
+    vmul.f32 prod0, l74, w7
+    vmul.f32 prod1, l73, w7
+    vsub.f32 w4, w4, prod0
+    vsub.f32 w3, l83, prod1
+    vmul.f32 prod0, l65, w6
+    vmul.f32 prod1, l64, w6
+    vsub.f32 w5, w5, prod0
+    vsub.f32 w4, w4, prod1
+    vmul.f32 prod0, l63, w6
+    vmul.f32 prod1, l54, w5
+    vsub.f32 w3, w3, prod0
+    vsub.f32 w4, w4, prod1
+    vmul.f32 prod0, l53, w5
+    vmul.f32 prod1, l43, w4
+    vsub.f32 w3, w3, prod0
+    vstr w6, [r1, #W6]
+    vsub.f32 w3, w3, prod1
+    vstr w5, [r1, #W5]
+    vstr w4, [r1, #W4]
+    vstr w3, [r1, #W3]
     add waiting, sp, #L_ROWS_5_TO_8
     vldmia waiting, {s0-s14}    /* y0 to y2 behind the rows */
-    vsub.f32 x3, x3, prod0
 
 /* Rows 8 to 3 of L, columns 0 to 2 */
 y0      .req s12
@@ -480,40 +537,55 @@ y2      .req s14
     .unreq prod1
 prod1      .req s20
 prod2      .req s21
-    .macro less_row x, l_0, l_1, l_2
+w0      .req s9
+w1      .req s10
+w2      .req s11
+    .macro less_row to, x, l_0, l_1, l_2
     vmul.f32 prod0, \l_0, \x
     vmul.f32 prod1, \l_1, \x
     vmul.f32 prod2, \l_2, \x
-    vsub.f32 y0, y0, prod0
-    vsub.f32 y1, y1, prod1
-    vsub.f32 y2, y2, prod2
+    vsub.f32 \to\()0, \to\()0, prod0
+    vsub.f32 \to\()1, \to\()1, prod1
+    vsub.f32 \to\()2, \to\()2, prod2
     .endm
-    less_row x8, s9, s10, s11
-    less_row x7, s6, s7, s8
-    less_row x6, s3, s4, s5
-    less_row x5, s0, s1, s2
+    less_row y, x8, w0, w1, w2  /* which begin as this row */
+    less_row y, x7, s6, s7, s8
+    less_row w, w7, s6, s7, s8
+    less_row y, x6, s3, s4, s5
+    less_row w, w6, s3, s4, s5
+    less_row y, x5, s0, s1, s2
+    less_row w, w5, s0, s1, s2
     vldmia sp, {s3-s8}          /* rows 1 to 3 */
     add waiting, sp, #L_ROW_4
     vldmia waiting, {s0-s2}
-    vmov.f32 s9, #0.5
-    vmov.f32 s10, #1.0
-    less_row x4, s0, s1, s2
-    less_row x3, s6, s7, s8
+    less_row y, x4, s0, s1, s2
+    less_row w, w4, s0, s1, s2
+    less_row y, x3, s6, s7, s8
+    less_row w, w3, s6, s7, s8
+    vmov.f32 s15, #0.5
+    vmov.f32 s18, #1.0
 
-/* The quadric: xx, xy, xz, yy, yz, zz of its shape, then linear and constant */
+/* The quadric: xx, xy, xz, yy, yz, zz of its shape, then linear and constant; and w1 and w0 */
     vmul.f32 prod0, s5, y2
     vmul.f32 prod1, s4, y2
+    vmul.f32 prod2, s5, w2
     vsub.f32 s25, y1, prod0        /* yy */
     vsub.f32 y0, y0, prod1
+    vsub.f32 w1, w1, prod2
     vmul.f32 prod0, s3, s25
-    vmul.f32 s23, y2, s9        /* xy */
+    vmul.f32 prod1, s4, w2
+    vmul.f32 prod2, s3, w1
     vsub.f32 s22, y0, prod0        /* xx */
-    vmul.f32 s24, x3, s9        /* xz */
-    vsub.f32 s27, s10, s22      /* zz = 1 - xx - yy */
-    vmul.f32 s26, x4, s9        /* yz */
+    vsub.f32 w0, w0, prod1
+    vmul.f32 s23, y2, s15       /* xy */
+    vsub.f32 w0, w0, prod2
+    vmul.f32 s24, x3, s15       /* xz */
+    vsub.f32 s27, s18, s22      /* zz = 1 - xx - yy */
+    vmul.f32 s26, x4, s15       /* yz */
     vsub.f32 s27, s27, s25
     vmov s0, worst
-    vstmia r1, {s22-s31}
+    vstmia r1!, {s22-s31}
+    vstmia r1, {w0-w2}
 1:
     add sp, #FRAME
     vpop {s16-s31}

@@ -215,7 +215,7 @@ def still_poses(part: np.ndarray, offset_g: np.ndarray, count: int) -> list[Stil
     return [pose_of(item) for item in COUNTS_PER_G * (sphere_directions(count) @ part.T + offset_g)]
 
 
-@given(part=_gains, offset_g=_offsets, count=st.integers(9, 40))
+@given(part=_gains, offset_g=_offsets, count=st.integers(10, 40))
 def test_the_ellipsoid_finds_symmetric_errors_exactly(part: np.ndarray, offset_g: np.ndarray, count: int) -> None:
     symmetric = (part + part.T) / 2.0
     ellipsoid, expected = fit_ellipsoid(still_poses(symmetric, offset_g, count)), truth(symmetric, offset_g)

@@ -10,7 +10,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hiltest.calibration import FIRMWARE, FitStatus, fit_direct, fit_iterative, fit_sphere, reference
+from hiltest.calibration import (
+    FIRMWARE,
+    Calibrator,
+    FitStatus,
+    fit_corrected,
+    fit_direct,
+    fit_iterative,
+    fit_sphere,
+    reference,
+)
 from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
 from hiltest.errors import ConfigError
 
@@ -52,11 +61,11 @@ def test_noiseless_ellipsoids_are_found_exactly(
     assert np.allclose(fit.hard_iron, offset, atol=exact * 500.0)
 
 
-def test_three_to_one_cannot_be_told_from_poor_coverage() -> None:
-    """The pivots see the cloud, not the sphere: two short axes of three to one look like a cap."""
+def test_three_to_one_is_told_from_poor_coverage() -> None:
+    """The pivots of two short axes of three to one are those of a cap; its residual is not."""
     fit = fit_direct(500.0 * sphere_directions(40) * (0.5, 0.5, 1.5))
-    assert fit.status is FitStatus.POOR_COVERAGE
-    assert fit.is_sphere
+    assert fit.coverage > 30.0
+    assert fit.status is FitStatus.ELLIPSOID
 
 
 def test_an_ellipsoid_along_the_axes_is_found_as_derived_by_hand() -> None:
@@ -120,19 +129,25 @@ def test_coverage_falls_as_less_of_the_sphere_is_covered() -> None:
     assert ratios[-1] > 30.0
 
 
-def test_direct_returns_the_flagged_sphere_when_coverage_is_poor() -> None:
-    points = instance(1, covered=(0.1, 0.1)).points_counts
-    fit = fit_direct(points)
+@pytest.mark.parametrize("calibrate", [fit_direct, fit_corrected])
+def test_a_small_cap_is_refused_without_a_calibration(calibrate: Calibrator) -> None:
+    fit = calibrate(instance(1, covered=(0.1, 0.1)).points_counts)
     assert fit.status is FitStatus.POOR_COVERAGE
-    assert fit.is_sphere
-    assert np.array_equal(fit.soft_iron, fit_sphere(points).soft_iron)
+    assert not fit.has_fit
+    assert np.array_equal(fit.soft_iron, np.eye(3))
+
+
+def test_nine_points_leave_no_residual_to_predict_an_error_from() -> None:
+    directions = sphere_directions(40)
+    assert fit_direct(500.0 * directions[::4][:9]).status is FitStatus.POOR_COVERAGE
+    assert fit_direct(500.0 * directions[::3]).status is FitStatus.ELLIPSOID
 
 
 def test_a_hyperboloid_is_refused_by_both() -> None:
     golden = json.loads((CLOUDS[0].parent / "hyperboloid.json").read_text())
-    for fit in (fit_direct(golden["points"]), fit_iterative(golden["points"])):
+    for fit, is_sphere in ((fit_direct(golden["points"]), False), (fit_iterative(golden["points"]), True)):
         assert fit.status is FitStatus.NOT_AN_ELLIPSOID
-        assert fit.is_sphere
+        assert fit.is_sphere == fit.has_fit == is_sphere
 
 
 def test_a_sphere_is_found_from_four_points() -> None:

@@ -60,14 +60,14 @@ def test_no_instance_is_no_fit() -> None:
     assert fit_direct_batch(np.zeros((0, 20, 3))).status.shape == (0,)
 
 
-def test_a_plane_a_line_and_a_heap_among_good_ones_are_poor_and_spoil_none() -> None:
+def test_a_plane_a_line_and_a_heap_among_good_ones_are_singular_and_spoil_none() -> None:
     points = points_of(1, 5, 60, noise_ut=0.3)
     alone = fit_direct_batch(points[[0, 4]])
     points[1, :, 2] = 7.0
     points[2, :, 1:] = 7.0
     points[3] = 7.0
     batch = fit_direct_batch(points)
-    assert batch.status[1:4].tolist() == [FitStatus.POOR_COVERAGE] * 3
+    assert batch.status[1:4].tolist() == [FitStatus.SINGULAR] * 3
     assert np.array_equal(batch.soft_iron[[0, 4]], alone.soft_iron)
 
 

@@ -23,13 +23,13 @@ def test_direct_fits_100_points_in_12000_cycles(board_calibrators: Any) -> None:
     assert max(cycles) <= 12_000
 
 
-def test_direct_takes_103_cycles_a_point_and_1700_besides(board_calibrators: Any) -> None:
+def test_direct_takes_103_cycles_a_point_and_2000_besides(board_calibrators: Any) -> None:
     counts = range(20, 301, 20)
     cycles = [board_calibrators.cost("direct", _points(1, count)).cycles for count in counts]
     per_point, fixed = np.polyfit(counts, cycles, 1)
     print(f"direct: {per_point:.2f} a point, {fixed:.0f} fixed")
     assert per_point <= 103.0
-    assert fixed <= 1_700.0
+    assert fixed <= 2000.0
 
 
 def test_iterative_is_no_lame_horse(board_calibrators: Any) -> None:

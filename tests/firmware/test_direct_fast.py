@@ -109,7 +109,7 @@ def test_the_speed_costs_this_much_accuracy(host_calibrators: Any, setting: Sett
     assert paired.judged_otherwise <= max(2, 0.001 * INSTANCES)
 
 
-def test_100_points_are_fitted_in_7300_cycles(board_calibrators: Any) -> None:
+def test_100_points_are_fitted_in_7500_cycles(board_calibrators: Any) -> None:
     clouds = [instance(seed, 100, stretch=0.1, covered=(1.0, 1.0)).points_counts for seed in range(1, 31)]
     cycles = [board_calibrators.cost("direct-fast", points).cycles for points in clouds]
     wanted = [fit_direct(points) for points in clouds]
@@ -118,7 +118,7 @@ def test_100_points_are_fitted_in_7300_cycles(board_calibrators: Any) -> None:
         for points, fit in zip(clouds, wanted, strict=True)
     ]
     print(f"direct-fast, n = 100: {min(cycles)} to {max(cycles)} cycles, {max(extra):.2g} deg from float64 at most")
-    assert max(cycles) <= 7_300
+    assert max(cycles) <= 7_500
     assert max(extra) <= 0.01  # an even cloud: what rounding does to it is a tenth of what a gap lets it do
 
 

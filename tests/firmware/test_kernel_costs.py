@@ -106,6 +106,7 @@ def direct() -> Costs:
     total = calibrated(100).cycles("direct")
     own = own_cycles(profiled("direct", 100))
     call = sum(own.values()) - total
+    around = ("magnetometer_direct", "fit_closed_form", "fit_calibration")
     of_points = 5 * (own["moments_sum"] - own_cycles(profiled("direct", 80))["moments_sum"])
     return {
         "`direct`, 100 points": total,
@@ -116,7 +117,8 @@ def direct() -> Costs:
         "`direct`: square root": own["symmetric_square_root"],
         "`direct`: to enter and leave two passes": own["moments_sum"] - of_points,
         "`direct`: middle of the range": own["moments_anchor"],
-        "`direct`: the function itself": own["magnetometer_direct"] - call,
+        "`direct`: predicted error": own["moments_residual"] + own["fit_is_accurate"],
+        "`direct`: the functions around these": sum(own[name] for name in around) - call,
         "an empty calibrator": call,
     }
 

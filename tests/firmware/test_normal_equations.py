@@ -22,6 +22,7 @@ Floats = NDArray[np.float32]
 POWERS = [
     (x, y, degree - x - y) for degree in range(5) for x in range(degree, -1, -1) for y in range(degree - x, -1, -1)
 ]  # in the order of moments_t
+SOLUTION = 27  # floats of solution_t
 UNTOUCHED = np.float32(-123.0)
 
 
@@ -37,16 +38,16 @@ def moments(points: NDArray[np.float64]) -> Floats:
 
 
 def on_board(board: VirtualK64F, sums: Floats) -> Floats:
-    quadric = np.full(10, UNTOUCHED)
-    board.call("quadric_fit", sums, quadric)
-    return quadric
+    solution = np.full(SOLUTION, UNTOUCHED)
+    board.call("quadric_fit", sums, solution)
+    return solution
 
 
 def on_host(library: ctypes.CDLL, sums: Floats) -> Floats:
-    quadric = np.full(10, UNTOUCHED)
+    solution = np.full(SOLUTION, UNTOUCHED)
     library.quadric_fit.restype = ctypes.c_float
-    library.quadric_fit(sums.ctypes.data_as(ctypes.c_void_p), quadric.ctypes.data_as(ctypes.c_void_p))
-    return quadric
+    library.quadric_fit(sums.ctypes.data_as(ctypes.c_void_p), solution.ctypes.data_as(ctypes.c_void_p))
+    return solution
 
 
 def test_every_bit_is_that_of_c(board: VirtualK64F, host_library: ctypes.CDLL) -> None:
@@ -54,9 +55,9 @@ def test_every_bit_is_that_of_c(board: VirtualK64F, host_library: ctypes.CDLL) -
     for seed in range(300):
         points = instance(seed, 9 + seed, covered=(0.05, 1.0)).points_counts.astype(np.float64)
         sums = moments(points * 10.0 ** (seed % 7 - 3))  # and far from what counts are
-        quadric = on_board(board, sums)
-        assert quadric.tobytes() == on_host(host_library, sums).tobytes(), f"seed {seed}"
-        solved += quadric[0] != UNTOUCHED
+        solution = on_board(board, sums)
+        assert solution.tobytes() == on_host(host_library, sums).tobytes(), f"seed {seed}"
+        solved += solution[0] != UNTOUCHED
     assert solved >= 290
 
 

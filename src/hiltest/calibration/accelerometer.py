@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.direct import fit_direct
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, FitStatus
+from hiltest.calibration.fit import COVERAGE_LIMIT, ELLIPSOID_UNKNOWNS, FitStatus
 from hiltest.calibration.still_pose import FACES, Face, StillPose
 
 Reals = NDArray[np.float64]
@@ -194,7 +194,7 @@ def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:
         return _solution_without_fit(AccelerometerStatus.MOVED, (), moved)
     counts = np.array([pose.accelerometer for pose in poses])
     direct = fit_direct(counts)
-    if direct.status is not FitStatus.ELLIPSOID:
+    if direct.status is not FitStatus.ELLIPSOID or direct.coverage > COVERAGE_LIMIT:
         if direct.status is FitStatus.NOT_AN_ELLIPSOID:
             return _solution_without_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
         return _solution_without_fit(AccelerometerStatus.POOR_COVERAGE)

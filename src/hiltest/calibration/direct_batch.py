@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.batch import BatchFit
-from hiltest.calibration.direct import COVERAGE_LIMIT
+from hiltest.calibration.direct import direction_variance
 from hiltest.calibration.fit import (
     COVERAGE_SINGULAR,
     ELLIPSOID_UNKNOWNS,
+    LARGEST_DIRECTION_ERROR_DEG,
     SMALLEST_DETERMINANT,
     Array,
     FitStatus,
@@ -33,6 +35,8 @@ class QuadricBatch:
     """Shape (...) [counts^2]."""
     coverage: Array
     """Shape (...). See `MagnetometerFit`."""
+    direction_variance: Array
+    """Shape (...). See `hiltest.calibration.direct.direction_variance` [rad^2]."""
 
     @property
     def is_ellipsoid(self) -> NDArray[np.bool_]:
@@ -55,7 +59,7 @@ def fit_direct_batch(points_counts: ArrayLike) -> BatchFit:
     Returns
     -------
     BatchFit
-        Fits with the status of the single fit; but if that is SINGULAR without a sphere, the status is POOR_COVERAGE.
+        Fits with the status of the single fit.
 
     Raises
     ------
@@ -68,9 +72,15 @@ def fit_direct_batch(points_counts: ArrayLike) -> BatchFit:
         return BatchFit(status, np.full((*status.shape, 3, 3), np.nan), np.full((*status.shape, 3), np.nan))
     quadrics = fit_quadrics(points)
     with np.errstate(invalid="ignore"):
-        regular = (quadrics.coverage <= COVERAGE_LIMIT) & np.isfinite(quadrics.level)
-        good = regular & quadrics.is_ellipsoid & (_leading_minors(quadrics.shape)[2] > SMALLEST_DETERMINANT)
-    status = np.where(good, FitStatus.ELLIPSOID, np.where(regular, FitStatus.NOT_AN_ELLIPSOID, FitStatus.POOR_COVERAGE))
+        regular = (quadrics.coverage < COVERAGE_SINGULAR) & np.isfinite(quadrics.level)
+        is_ellipsoid = quadrics.is_ellipsoid & (_leading_minors(quadrics.shape)[2] > SMALLEST_DETERMINANT)
+        accurate = quadrics.direction_variance <= math.radians(LARGEST_DIRECTION_ERROR_DEG) ** 2
+    status = np.select(
+        [~regular, ~is_ellipsoid, ~accurate],
+        [FitStatus.SINGULAR, FitStatus.NOT_AN_ELLIPSOID, FitStatus.POOR_COVERAGE],
+        FitStatus.ELLIPSOID,
+    )
+    good = status == FitStatus.ELLIPSOID
     soft_iron = np.full(quadrics.shape.shape, np.nan)
     eigenvalues, vectors = np.linalg.eigh(quadrics.shape[good])
     scaled = vectors * np.sqrt(eigenvalues / quadrics.level[good][:, None])[:, None, :]
@@ -95,14 +105,13 @@ def fit_quadrics(points_counts: ArrayLike) -> QuadricBatch:
     leading = points.shape[:-2]
     clouds = points.reshape(-1, *points.shape[-2:])
     parts = [_fit_chunk(clouds[first : first + _AT_ONCE]) for first in range(0, max(len(clouds), 1), _AT_ONCE)]
-    shape, centre, level, coverage = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return QuadricBatch(
-        shape.reshape(*leading, 3, 3), centre.reshape(*leading, 3), level.reshape(leading), coverage.reshape(leading)
-    )
+    shape, centre, *scalars = (np.concatenate(part) for part in zip(*parts, strict=True))
+    level, coverage, variance = (scalar.reshape(leading) for scalar in scalars)
+    return QuadricBatch(shape.reshape(*leading, 3, 3), centre.reshape(*leading, 3), level, coverage, variance)
 
 
-def _fit_chunk(points: Array) -> tuple[Array, Array, Array, Array]:
-    """Return shape, centre, level and coverage of instances, points of shape (m, n, 3)."""
+def _fit_chunk(points: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return shape, centre, level, coverage and direction variance of instances, points of shape (m, n, 3)."""
     across = np.ascontiguousarray(np.moveaxis(points, -1, 0))  # one contiguous table per axis: (3, m, n)
     low, high = across.min(axis=-1), across.max(axis=-1)
     anchor = np.trunc((low + high) / 2.0)
@@ -113,18 +122,20 @@ def _fit_chunk(points: Array) -> tuple[Array, Array, Array, Array]:
         square = z * z
         for place, row in enumerate((x * x - square, y * y - square, x * y, x * z, y * z, x, y, z, 1.0, -square)):
             rows[:, place] = row
-        theta, coverage = _solve(rows @ np.swapaxes(rows, -1, -2))
+        theta, constant, pivots, residual, coverage = _solve(rows @ np.swapaxes(rows, -1, -2))
         a, b, d, e, f, g, h, i, j = theta
         c = 1.0 - a - b
         shape = np.array([[a, d / 2, e / 2], [d / 2, b, f / 2], [e / 2, f / 2, c]])
         linear = np.array([g, h, i])
         centre = -0.5 * np.einsum("ijm,jm->im", _inverse(shape), linear)
-        level = (-0.5 * (centre * linear).sum(axis=0) - j) * unit**2
+        level = -0.5 * (centre * linear).sum(axis=0) - j
+        total = rows[:, 5:8].sum(axis=-1).T
+        variance = direction_variance(points.shape[1], total, residual, centre, level, constant, pivots)
         coverage = np.where(unit > 0.0, coverage, COVERAGE_SINGULAR)
-    return np.moveaxis(shape, -1, 0), (anchor + centre * unit).T, level, coverage
+    return np.moveaxis(shape, -1, 0), (anchor + centre * unit).T, level * unit**2, coverage, variance
 
 
-def _solve(products: Array) -> tuple[Array, Array]:
+def _solve(products: Array) -> tuple[Array, Array, Array, Array, Array]:
     """Solve ``M theta = w`` by L D L^T.
 
     Parameters
@@ -134,7 +145,10 @@ def _solve(products: Array) -> tuple[Array, Array]:
 
     Returns
     -------
-    theta : ndarray, shape (9, m)
+    theta, constant, pivots : ndarray, shape (9, m)
+        Solution, the last column of the inverse of M, and the pivots.
+    residual : ndarray, shape (m,)
+        Sum of the squares that the solution leaves.
     coverage : ndarray, shape (m,)
         See `largest_pivot_ratio`.
     """
@@ -149,11 +163,14 @@ def _solve(products: Array) -> tuple[Array, Array]:
         factors = rest[i, i + 1 :] / pivot
         for k in range(i + 1, unknowns):  # only above the diagonal
             rest[k, k:] -= factors[k - i - 1] * rest[i, k:]
+        rest[unknowns, unknowns] -= pivot * factors[-1] ** 2
         rest[i, i + 1 :] = factors  # its last is w / d
-    theta = rest[:unknowns, unknowns].copy()
+    theta, constant = rest[:unknowns, unknowns].copy(), np.zeros((unknowns, rest.shape[-1]))
+    constant[-1] = 1.0 / rest[unknowns - 1, unknowns - 1]
     for i in reversed(range(unknowns - 1)):
         theta[i] -= (rest[i, i + 1 : unknowns] * theta[i + 1 :]).sum(axis=0)
-    return theta, coverage
+        constant[i] -= (rest[i, i + 1 : unknowns] * constant[i + 1 :]).sum(axis=0)
+    return theta, constant, rest[range(unknowns), range(unknowns)], rest[unknowns, unknowns], coverage
 
 
 def _leading_minors(shape: Array) -> tuple[Array, Array, Array]:

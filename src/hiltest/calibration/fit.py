@@ -16,6 +16,11 @@ Array: TypeAlias = NDArray[np.float64]
 ELLIPSOID_UNKNOWNS = 9
 COVERAGE_SINGULAR = 1e6
 SMALLEST_DETERMINANT = 1e-6
+# Largest pivot ratio of calibrators that do not predict their error. Simulated on the mid-range anchor at 0.4 uT: at
+# most 1.7 for a full sphere, 6 to 30 for half of one, 31 to 158 for 30 % of one.
+COVERAGE_LIMIT = 30.0
+#: A fit whose predicted rms error of directions is larger is refused.
+LARGEST_DIRECTION_ERROR_DEG = 5.0
 
 
 class FitStatus(IntEnum):
@@ -31,9 +36,7 @@ class FitStatus(IntEnum):
     MIRRORED = 7
 
 
-_WITHOUT_A_FIT = frozenset(
-    {FitStatus.TOO_FEW_POINTS, FitStatus.SINGULAR, FitStatus.HORIZONTAL_FIELD, FitStatus.MIRRORED}
-)
+_WITH_A_FIT = frozenset({FitStatus.ELLIPSOID, FitStatus.NOT_CONVERGED})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +59,7 @@ class MagnetometerFit:
     @property
     def has_fit(self) -> bool:
         """True if soft_iron and hard_iron were fitted to the points."""
-        return self.status not in _WITHOUT_A_FIT
+        return self.is_sphere or self.status in _WITH_A_FIT
 
     @property
     def radius(self) -> float:
