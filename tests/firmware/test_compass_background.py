@@ -18,7 +18,17 @@ SOURCES = [
     "compass/background.c",
     *(
         f"calibration/{name}.c"
-        for name in ("direct", "fit_result", "moments", "normal_equations", "point_range", "quadric", "square_root")
+        for name in [
+            "adjusted_moments",
+            "closed_form",
+            "direct",
+            "fit_result",
+            "moments",
+            "normal_equations",
+            "point_range",
+            "quadric",
+            "square_root",
+        ]
     ),
 ]
 SPACING, POINTS, A_MINUTE = 120.0, 256, 4800  # counts, points and samples, as in background.c
