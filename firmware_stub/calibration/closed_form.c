@@ -9,8 +9,9 @@
 /* Of n level^2. float32 resolves no smaller sum D^2; noise of 0.05 % of the field leaves as much. */
 #define SMALLEST_RESIDUAL 1.0e-6f
 
-FAST_CODE bool fit_is_accurate(const moments_t *s, float residual, float bias_share, const solution_t *solution,
-                               const ellipsoid_t *ellipsoid)
+/* Predict the rms angle between directions by an ellipsoid and the true ones, over the sphere, and compare it with the largest. */
+static FAST_CODE bool is_accurate(const moments_t *s, float residual, float bias_share, const solution_t *solution,
+                                  const ellipsoid_t *ellipsoid)
 {
     const float *const w = solution->weakest;
     const float x = ellipsoid->centre[0], y = ellipsoid->centre[1], z = ellipsoid->centre[2];
@@ -35,7 +36,8 @@ FAST_CODE bool fit_is_accurate(const moments_t *s, float residual, float bias_sh
     return variance * each + turned * v[8] * (variance + bias * bias * v[8]) <= largest * largest;
 }
 
-FAST_CODE bool fit_ellipsoid(const moments_t *sums, solution_t *solution, ellipsoid_t *ellipsoid, magnetometer_fit_t *fit)
+FAST_CODE bool fit_ellipsoid(const moments_t *sums, float bias_share, solution_t *solution, ellipsoid_t *ellipsoid,
+                             magnetometer_fit_t *fit)
 {
     fit->coverage = quadric_fit(sums, solution);
     if (fit->coverage >= COVERAGE_SINGULAR) {
@@ -46,6 +48,10 @@ FAST_CODE bool fit_ellipsoid(const moments_t *sums, solution_t *solution, ellips
         fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return false;
     }
+    if (!is_accurate(sums, moments_residual(sums, &solution->quadric), bias_share, solution, ellipsoid)) {
+        fit_nothing(FIT_POOR_COVERAGE, fit);
+        return false;
+    }
     return true;
 }
 
@@ -54,14 +60,9 @@ FAST_CODE void fit_closed_form(const moments_t *sums, const int32_t anchor[3], m
     solution_t solution;
     ellipsoid_t ellipsoid;
 
-    if (!fit_ellipsoid(sums, &solution, &ellipsoid, fit)) {
-        return;
+    if (fit_ellipsoid(sums, BIAS_OF_LEAST_SQUARES, &solution, &ellipsoid, fit)) {
+        fit_calibration(&solution.quadric, &ellipsoid, anchor, FIT_ELLIPSOID, fit);
     }
-    if (!fit_is_accurate(sums, moments_residual(sums, &solution.quadric), 1.0f, &solution, &ellipsoid)) {
-        fit_nothing(FIT_POOR_COVERAGE, fit);
-        return;
-    }
-    fit_calibration(&solution.quadric, &ellipsoid, anchor, FIT_ELLIPSOID, fit);
 }
 
 FAST_CODE void fit_calibration(const quadric_t *quadric, const ellipsoid_t *ellipsoid, const int32_t anchor[3],

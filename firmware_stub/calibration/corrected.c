@@ -20,10 +20,6 @@
 #define LARGEST_NOISE 0.1f
 #define LARGEST_VARIANCE (3.0f * LARGEST_NOISE * LARGEST_NOISE) /* of level */
 
-/* Part of the bias that the steps may leave, for the predicted error of what they lead to. With 1000 points, 1 uT and up to 90 % of the
- * sphere missing 18 of 280 fits erred by more than 5 degrees if none was counted, and 1 if a quarter was. */
-#define BIAS_LEFT 0.25f
-
 /* A variance that leaves no ellipsoid is too large. What these shrink it to together, 6 %, would correct nothing. */
 #define SHRINK 0.7f
 #define SHRINKS 8
@@ -79,11 +75,8 @@ FAST_CODE void magnetometer_corrected(const magnetometer_points_t *points, magne
     moments_anchor(points, anchor);
     moments_sum(points, anchor, &sums);
     const uint16_t steps = points->iterations == 0u || points->iterations > NEWTON_STEPS ? NEWTON_STEPS : points->iterations;
-    if (points->count < FEWEST_POINTS || !fit_ellipsoid(&sums, &adjusted.solution, &adjusted.ellipsoid, fit) ||
-        fit->coverage > COVERAGE_LIMIT ||
-        !fit_is_accurate(&sums, moments_residual(&sums, &adjusted.solution.quadric), BIAS_LEFT, &adjusted.solution,
-                         &adjusted.ellipsoid) ||
-        !newton(&sums, steps, &adjusted)) {
+    if (points->count < FEWEST_POINTS || !fit_ellipsoid(&sums, BIAS_LEFT, &adjusted.solution, &adjusted.ellipsoid, fit) ||
+        fit->coverage > COVERAGE_LIMIT || !newton(&sums, steps, &adjusted)) {
         fit_closed_form(&sums, anchor, fit);
         return;
     }

@@ -10,22 +10,16 @@
 /* Radii outside are overflow, or one spot seen through rounding. */
 #define LARGEST_SQUARE 1.0e30f
 
-static FAST_CODE void store(float scale, const float hard_iron[3], magnetometer_fit_t *fit)
-{
-    for (int i = 0; i < 9; i++) {
-        fit->soft_iron[i] = (i % 4 == 0) ? scale : 0.0f;
-    }
-    for (int axis = 0; axis < 3; axis++) {
-        fit->hard_iron[axis] = hard_iron[axis];
-    }
-}
-
 FAST_CODE void fit_nothing(fit_status_t status, magnetometer_fit_t *fit)
 {
-    const float zero[3] = {0.0f, 0.0f, 0.0f};
     fit->status = status;
     fit->is_sphere = 0;
-    store(1.0f, zero, fit);
+    for (int i = 0; i < 9; i++) {
+        fit->soft_iron[i] = (i % 4 == 0) ? 1.0f : 0.0f;
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        fit->hard_iron[axis] = 0.0f;
+    }
 }
 
 /* Gaussian elimination without pivoting of the symmetric system held in the 5x4 rows of `m`, right-hand side last. */
@@ -83,21 +77,4 @@ FAST_CODE bool sphere_from_moments(const moments_t *sums, sphere_t *sphere)
         sphere->centre[axis] = 0.5f * t[axis + 1];
     }
     return sphere->square > 0.0f && sphere->square < LARGEST_SQUARE;
-}
-
-FAST_CODE void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_status_t status, magnetometer_fit_t *fit)
-{
-    sphere_t sphere;
-    if (!sphere_from_moments(sums, &sphere)) {
-        fit_nothing(FIT_SINGULAR, fit);
-        return;
-    }
-    const float hard_iron[3] = {
-        (float)anchor[0] + sphere.centre[0],
-        (float)anchor[1] + sphere.centre[1],
-        (float)anchor[2] + sphere.centre[2],
-    };
-    fit->status = status;
-    fit->is_sphere = 1;
-    store(1.0f / __builtin_sqrtf(sphere.square), hard_iron, fit);
 }

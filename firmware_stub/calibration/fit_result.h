@@ -1,6 +1,6 @@
 /**
  * @file fit_result.h
- * @brief The results that are not an ellipsoid: no fit, and the sphere fit instead.
+ * @brief The result without a calibration, and the sphere fit, from which other fits start.
  */
 #ifndef HILTEST_FIT_RESULT_H
 #define HILTEST_FIT_RESULT_H
@@ -25,15 +25,5 @@ bool sphere_from_moments(const moments_t *sums, sphere_t *sphere);
 
 /** Store a status without a fit: soft_iron is the identity, hard_iron zero. */
 void fit_nothing(fit_status_t status, magnetometer_fit_t *fit);
-
-/**
- * Store the least-squares sphere, flagged, because the ellipsoid was refused.
- *
- * @param sums moments about the anchor
- * @param anchor [counts]
- * @param status why there is no ellipsoid; FIT_SINGULAR is stored instead when there is no sphere either
- * @param[out] fit coverage and iterations are left alone
- */
-void fit_sphere(const moments_t *sums, const int32_t anchor[3], fit_status_t status, magnetometer_fit_t *fit);
 
 #endif

@@ -192,9 +192,11 @@ FAST_CODE void magnetometer_gauss_newton(const magnetometer_points_t *points, ma
     }
     moments_anchor(points, frame.anchor);
     moments_sum(points, frame.anchor, &sums);
-    fit->coverage = quadric_fit(&sums, &solution);
-    if (fit->coverage > COVERAGE_LIMIT || !sphere_from_moments(&sums, &sphere)) {
-        fit_sphere(&sums, frame.anchor, FIT_POOR_COVERAGE, fit);
+    if (!fit_ellipsoid(&sums, BIAS_OF_LEAST_SQUARES, &solution, &ellipsoid, fit)) {
+        return;
+    }
+    if (!sphere_from_moments(&sums, &sphere)) {
+        fit_nothing(FIT_SINGULAR, fit);
         return;
     }
     const float share = 1.0f / sums.one;
@@ -219,7 +221,7 @@ FAST_CODE void magnetometer_gauss_newton(const magnetometer_points_t *points, ma
         }
     }
     if (!(step < RUN_AWAY) || !is_ellipsoid(&frame, p, &quadric, &ellipsoid)) {
-        fit_sphere(&sums, frame.anchor, FIT_NOT_CONVERGED, fit);
+        fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return;
     }
     fit_calibration(&quadric, &ellipsoid, frame.anchor, step < SETTLED ? FIT_ELLIPSOID : FIT_NOT_CONVERGED, fit);

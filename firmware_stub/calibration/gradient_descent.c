@@ -176,6 +176,7 @@ FAST_CODE void magnetometer_gradient_descent(const magnetometer_points_t *points
     moments_t sums;
     descent_t descent;
     jacobi_t work;
+    solution_t solution;
     quadric_t quadric;
     ellipsoid_t ellipsoid;
     float x[UNKNOWNS];
@@ -193,9 +194,12 @@ FAST_CODE void magnetometer_gradient_descent(const magnetometer_points_t *points
         fit_nothing(FIT_SINGULAR, fit);
         return;
     }
+    if (!fit_ellipsoid(&sums, BIAS_OF_LEAST_SQUARES, &solution, &ellipsoid, fit)) {
+        return;
+    }
     unit_trace_products(&sums, unit, descent.products);
     if (!curvatures(&descent, &work)) {
-        fit_sphere(&sums, anchor, FIT_POOR_COVERAGE, fit);
+        fit_nothing(FIT_POOR_COVERAGE, fit);
         return;
     }
     const uint16_t limit = points->iterations == 0u || points->iterations > STEPS ? STEPS : points->iterations;
@@ -209,7 +213,7 @@ FAST_CODE void magnetometer_gradient_descent(const magnetometer_points_t *points
     }
     unit_trace_quadric(x, unit, &quadric);
     if (!quadric_ellipsoid(&quadric, &ellipsoid)) {
-        fit_sphere(&sums, anchor, settled ? FIT_NOT_AN_ELLIPSOID : FIT_NOT_CONVERGED, fit);
+        fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return;
     }
     fit_calibration(&quadric, &ellipsoid, anchor, settled ? FIT_ELLIPSOID : FIT_NOT_CONVERGED, fit);

@@ -37,6 +37,7 @@ FAST_CODE void magnetometer_iterative(const magnetometer_points_t *points, magne
     int32_t anchor[3];
     moments_t sums;
     jacobi_t work;
+    solution_t solution;
     quadric_t quadric;
     ellipsoid_t ellipsoid;
     int index;
@@ -54,17 +55,20 @@ FAST_CODE void magnetometer_iterative(const magnetometer_points_t *points, magne
     }
     moments_anchor(points, anchor);
     moments_sum(points, anchor, &sums);
+    if (!fit_ellipsoid(&sums, BIAS_OF_LEAST_SQUARES, &solution, &ellipsoid, fit)) {
+        return;
+    }
     ten_elements_assemble(&sums, &work);
     ten_elements_scale(unit, &work);
     const uint16_t limit = sweep_limit(points->iterations);
     fit->iterations = jacobi_diagonalise(&work, TEN_ELEMENTS, limit);
     const bool ended = fit->iterations < limit;
     if (!smallest_eigenvalue(&work, TEN_ELEMENTS, &index)) {
-        fit_sphere(&sums, anchor, ended ? FIT_POOR_COVERAGE : FIT_NOT_CONVERGED, fit);
+        fit_nothing(FIT_POOR_COVERAGE, fit);
         return;
     }
     if (!quadric_from_vector(work.vectors[index], unit, &quadric) || !quadric_ellipsoid(&quadric, &ellipsoid)) {
-        fit_sphere(&sums, anchor, ended ? FIT_NOT_AN_ELLIPSOID : FIT_NOT_CONVERGED, fit);
+        fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return;
     }
     fit_calibration(&quadric, &ellipsoid, anchor, ended ? FIT_ELLIPSOID : FIT_NOT_CONVERGED, fit);

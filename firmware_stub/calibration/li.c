@@ -90,21 +90,19 @@ FAST_CODE void magnetometer_li(const magnetometer_points_t *points, magnetometer
     }
     moments_anchor(points, anchor);
     moments_sum(points, anchor, &sums);
-    fit->coverage = quadric_fit(&sums, &solution);
-    if (fit->coverage > COVERAGE_LIMIT) {
-        fit_sphere(&sums, anchor, FIT_POOR_COVERAGE, fit);
+    if (!fit_ellipsoid(&sums, BIAS_OF_LEAST_SQUARES, &solution, &ellipsoid, fit)) {
         return;
     }
     const float unit = __builtin_sqrtf((sums.xx + sums.yy + sums.zz) / sums.one);
     unit_trace_products(&sums, unit, products);
     x[LAST] = 1.0f;
     if (!solve(products, x)) {
-        fit_sphere(&sums, anchor, FIT_NOT_AN_ELLIPSOID, fit);
+        fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return;
     }
     unit_trace_quadric(x, unit, &quadric);
     if (!quadric_ellipsoid(&quadric, &ellipsoid)) {
-        fit_sphere(&sums, anchor, FIT_NOT_AN_ELLIPSOID, fit);
+        fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return;
     }
     fit_calibration(&quadric, &ellipsoid, anchor, FIT_ELLIPSOID, fit);

@@ -26,11 +26,11 @@ typedef struct {
 /** How a fit ended. The values are part of the link protocol. */
 typedef enum {
     FIT_ELLIPSOID = 0,
-    FIT_NOT_AN_ELLIPSOID, /**< the best quadric is something else; no fit, or the sphere fit */
-    FIT_POOR_COVERAGE,    /**< the points determine too little, or the predicted error is too large; no fit, or the sphere fit */
+    FIT_NOT_AN_ELLIPSOID, /**< the best quadric is something else, or an iteration found none; no fit */
+    FIT_POOR_COVERAGE,    /**< the points determine too little, or the predicted error is too large; no fit */
     FIT_TOO_FEW_POINTS,   /**< fewer than the unknowns; no fit */
     FIT_SINGULAR,         /**< points on a plane, a line or one spot; no fit */
-    FIT_NOT_CONVERGED,    /**< iteration limit reached; the fit is what there was by then, the sphere fit if no ellipsoid */
+    FIT_NOT_CONVERGED,    /**< iteration limit reached; the fit is the ellipsoid found by then */
     FIT_HORIZONTAL_FIELD, /**< of `dpi`: too little dip for a dot product with gravity; no fit */
     FIT_MIRRORED,         /**< of `dpi`: what fits is a reflection, which no iron is; no fit */
 } fit_status_t;

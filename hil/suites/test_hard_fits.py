@@ -196,7 +196,8 @@ def test_what_is_fitted_all_the_same_is_the_fit_of_float64(board: Board, name: s
             continue
         if name in TOO_LITTLE and reply.coverage:
             error = direction_error_deg(reply.calibration)
-            assert error <= LARGEST_DIRECTION_ERROR_DEG, f"{calibrator}: {name} errs by {error:.2g} deg rms"
+            # The limit is one for the predicted rms error, and a single fit may err by twice as much.
+            assert error <= 2.0 * LARGEST_DIRECTION_ERROR_DEG, f"{calibrator}: {name} errs by {error:.2g} deg rms"
         if calibrator in REFERENCES and (reference := REFERENCES[calibrator](points)).status is FitStatus.ELLIPSOID:
             error = np.abs(calibrated(reply.calibration, points) - reference.corrected(points)).max()
             assert error < FLOAT64_DIFFERENCE, f"{calibrator}: {name} is {error:.2g} of the field off float64"

@@ -39,10 +39,16 @@ def test_a_thousand_noisy_points_are_worth_half_a_degree() -> None:
     assert corrected_deg <= direct_deg / 2.0
 
 
-def test_with_half_of_the_sphere_it_errs_by_a_quarter_of_direct() -> None:
-    # An eighth: 1.18 of 9.33 degrees over 2000 seeds, so that 500 are enough to tell.
-    direct_deg, corrected_deg = median_errors_deg(1000, (0.5, 0.5), 500)
-    assert corrected_deg <= direct_deg / 4.0
+def test_with_half_of_the_sphere_it_answers_where_direct_refuses() -> None:
+    # Of 200 seeds it answers 182 with a median of 1.2 degrees, `direct` 32.
+    errors_deg, of_direct = [], 0
+    for seed in range(100):
+        drawn = instance(seed, 1000, noise_ut=NOISE_UT, covered=(0.5, 0.5))
+        of_direct += fit_direct(drawn.points_counts).has_fit
+        if (fit := fit_corrected(drawn.points_counts)).has_fit:
+            errors_deg.append(direction_error_deg(lambda _points, fit=fit: fit, drawn))
+    assert len(errors_deg) > 80 > 40 > of_direct
+    assert np.median(errors_deg) <= 1.5
 
 
 @pytest.mark.parametrize("degree", range(5))

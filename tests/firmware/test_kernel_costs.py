@@ -117,7 +117,7 @@ def direct() -> Costs:
         "`direct`: square root": own["symmetric_square_root"],
         "`direct`: to enter and leave two passes": own["moments_sum"] - of_points,
         "`direct`: middle of the range": own["moments_anchor"],
-        "`direct`: predicted error": own["moments_residual"] + own["fit_is_accurate"],
+        "`direct`: predicted error": own["moments_residual"] + own["fit_ellipsoid"],
         "`direct`: the functions around these": sum(own[name] for name in around) - call,
         "an empty calibrator": call,
     }

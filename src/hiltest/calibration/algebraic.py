@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration.clouds import Clouds, Reference, Solution, solution_from_quadrics
-from hiltest.calibration.fit import Array, FitStatus
+from hiltest.calibration.fit import BIAS_LEFT, Array, FitStatus
 
 #: Function that returns N for clouds, shape (10, 10) or (..., 10, 10); in a plane with 6 instead of 10.
 Constraint: TypeAlias = Callable[[Clouds], Array]
@@ -32,7 +32,7 @@ Constraint: TypeAlias = Callable[[Clouds], Array]
 _ROUNDING = 1e-16
 
 
-def algebraic(constraint: Constraint) -> Reference:
+def algebraic(constraint: Constraint, *, bias_share: float = BIAS_LEFT) -> Reference:
     """Return the calibrator that minimises the algebraic error under a constraint."""
 
     def solve(clouds: Clouds) -> Solution:
@@ -41,7 +41,7 @@ def algebraic(constraint: Constraint) -> Reference:
         status = np.where(solvable, solution.status, FitStatus.NOT_AN_ELLIPSOID).astype(np.int8)
         return Solution(solution.soft_iron, solution.centre, status)
 
-    return Reference(solve)
+    return Reference(solve, bias_share)
 
 
 def smallest_error(scatter: Array, constraint: Array) -> tuple[Array, NDArray[np.bool_]]:

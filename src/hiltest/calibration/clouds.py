@@ -16,16 +16,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.batch import BatchFit
 from hiltest.calibration.conditioning import CONDITION_SINGULAR, LARGEST_CONDITION, traceless
+from hiltest.calibration.direct import fit_about
 from hiltest.calibration.fit import (
+    BIAS_LEFT,
+    ELLIPSOID_UNKNOWNS,
     SMALLEST_DETERMINANT,
     Array,
     FitStatus,
     MagnetometerFit,
     clouds_array,
+    mid_range,
     no_fit,
     points_array,
 )
-from hiltest.calibration.sphere import fit_sphere
 
 #: Largest distance of a centre in rms distances of the points from their mean. The centre of a sphere of which points
 #: cover a third is 0.9 off their mean; one that is further off than this has run away.
@@ -120,6 +123,8 @@ class Reference:
     """A calibrator with a given solver: for one instance when it is called, for many with `batch`."""
 
     solve: Solver
+    bias_share: float = BIAS_LEFT
+    """See `hiltest.calibration.direct.direction_variance`."""
 
     def __call__(self, points_counts: ArrayLike) -> MagnetometerFit:
         """Calibrate from one instance.
@@ -132,24 +137,27 @@ class Reference:
         Returns
         -------
         MagnetometerFit
-            Status ELLIPSOID; NOT_AN_ELLIPSOID, POOR_COVERAGE or NOT_CONVERGED with the sphere fit; TOO_FEW_POINTS or
-            SINGULAR without a fit.
+            Status ELLIPSOID; or without a fit TOO_FEW_POINTS, SINGULAR, NOT_AN_ELLIPSOID, or
+            POOR_COVERAGE if the error of directions that is predicted for least squares with `bias_share` exceeds
+            `LARGEST_DIRECTION_ERROR_DEG`.
         """
         points = points_array(points_counts)
-        if not len(points):
+        if len(points) < ELLIPSOID_UNKNOWNS:
             return no_fit(FitStatus.TOO_FEW_POINTS)
+        least_squares = fit_about(points, mid_range(points), bias_share=self.bias_share)
+        if not least_squares.has_fit:
+            return no_fit(least_squares.status, coverage=least_squares.coverage)
         result = self.batch(points)
         status = FitStatus(int(result.status))
-        if status is FitStatus.TOO_FEW_POINTS:
-            return no_fit(status)
         if status is not FitStatus.ELLIPSOID:
-            return fit_sphere(points, status)
-        return MagnetometerFit(status, False, 0, result.soft_iron, result.hard_iron)
+            return no_fit(FitStatus.NOT_AN_ELLIPSOID if status is FitStatus.NOT_CONVERGED else status)
+        return MagnetometerFit(status, False, 0, result.soft_iron, result.hard_iron, least_squares.coverage)
 
     def batch(self, points_counts: ArrayLike) -> BatchFit:
         """Calibrate from instances along leading axes, points of shape (..., n, 3), or (..., n, 2) in a plane.
 
-        In a plane soft iron has shape (..., 2, 2), hard iron (..., 2).
+        In a plane soft iron has shape (..., 2, 2), hard iron (..., 2). Nothing is refused by its predicted error, so
+        that studies can compare estimators.
         """
         clouds = Clouds.centre(points_counts)
         status = clouds.status

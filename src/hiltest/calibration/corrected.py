@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike
 
 from hiltest.calibration.direct import fit_about, fit_direct
 from hiltest.calibration.fit import (
+    BIAS_LEFT,
     COVERAGE_LIMIT,
     COVERAGE_SINGULAR,
     Array,
@@ -52,9 +53,6 @@ NEWTON_STEPS = 2
 FEWEST_POINTS = 50
 # Largest noise in calibrated readings, rms of an axis, relative to their norm of 1, for the same reason.
 LARGEST_NOISE = 0.1
-# Part of the bias that the steps may leave, for the predicted error of their result. With 1000 points, 1 uT and up to
-# 90 % of the sphere missing 18 of 280 fits erred by more than 5 degrees if none was counted, and 1 if a quarter was.
-BIAS_LEFT = 0.25
 # A variance that leaves no ellipsoid is too large. These steps together shrink it to 6 %, which would correct nothing.
 SHRINK = 0.7
 SHRINKS = 8

@@ -16,11 +16,13 @@ Array: TypeAlias = NDArray[np.float64]
 ELLIPSOID_UNKNOWNS = 9
 COVERAGE_SINGULAR = 1e6
 SMALLEST_DETERMINANT = 1e-6
-# Largest pivot ratio of calibrators that do not predict their error. Simulated on the mid-range anchor at 0.4 uT: at
-# most 1.7 for a full sphere, 6 to 30 for half of one, 31 to 158 for 30 % of one.
+# Largest pivot ratio that packed sums and Newton steps can carry. Simulated on the mid-range anchor at 0.4 uT: at most
+# 1.7 for a full sphere, 6 to 30 for half of one, 31 to 158 for 30 % of one.
 COVERAGE_LIMIT = 30.0
 #: A fit whose predicted rms error of directions is larger is refused.
 LARGEST_DIRECTION_ERROR_DEG = 5.0
+#: Part of the bias of least squares to count for calibrators that remove it, and for those of the literature.
+BIAS_LEFT = 0.25
 
 
 class FitStatus(IntEnum):
@@ -45,7 +47,7 @@ class MagnetometerFit:
 
     status: FitStatus
     is_sphere: bool
-    """True if this is a sphere fit: the ellipsoid was refused, or a stream calibrator has not tried it yet."""
+    """True if this is a sphere fit: it was asked for by name, or a stream calibrator has too few points for more."""
     iterations: int
     """Sweeps of the firmware's solver; 0 for a closed form and for a float64 reference."""
     soft_iron: Array

@@ -48,5 +48,5 @@ def _fit_from_sphere(residuals: Residuals, points: Array) -> Array | FitStatus:
     return FitStatus.NOT_CONVERGED if start is None else gauss_newton(residuals, points, start)
 
 
-fit_gauss_newton = one_by_one(lambda points, _: _fit_from_sphere(calibrated_norms, points))
+fit_gauss_newton = one_by_one(lambda points, _: _fit_from_sphere(calibrated_norms, points), bias_share=1.0)
 fit_gauss_newton_geometric = one_by_one(lambda points, _: _fit_from_sphere(geometric_distances, points))

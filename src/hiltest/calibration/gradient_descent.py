@@ -85,4 +85,4 @@ def _nearest_shares(values: Array, total: float) -> Array:
     return np.maximum(values - np.take_along_axis(excess, count - 1, axis=-1), 0.0)
 
 
-fit_gradient_descent = Reference(_solve)
+fit_gradient_descent = Reference(_solve, bias_share=1.0)

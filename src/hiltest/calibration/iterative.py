@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hiltest.calibration.direct import fit_about
 from hiltest.calibration.fit import (
     ELLIPSOID_UNKNOWNS,
     FitStatus,
@@ -15,7 +16,6 @@ from hiltest.calibration.fit import (
     points_array,
 )
 from hiltest.calibration.quadric import calibration_from_quadric, quadric_from_coefficients
-from hiltest.calibration.sphere import fit_sphere
 
 # A second eigenvalue below this part of the trace is rounding in the firmware's float32:
 # more than one quadric passes through the points.
@@ -33,9 +33,8 @@ def fit_iterative(points_counts: ArrayLike) -> MagnetometerFit:
     Returns
     -------
     MagnetometerFit
-        Status ELLIPSOID, or NOT_AN_ELLIPSOID or POOR_COVERAGE with the sphere fit, or
-        TOO_FEW_POINTS or SINGULAR without a fit. The firmware's can also end in
-        NOT_CONVERGED; this one's eigenvalues come from LAPACK.
+        Status ELLIPSOID; or without a fit that of `fit_direct` if it refuses the points, or NOT_AN_ELLIPSOID or
+        POOR_COVERAGE. The firmware's can also end in NOT_CONVERGED; this one's eigenvalues come from LAPACK.
 
     Notes
     -----
@@ -50,16 +49,19 @@ def fit_iterative(points_counts: ArrayLike) -> MagnetometerFit:
     if not unit > 0.0:
         return no_fit(FitStatus.SINGULAR)
     anchor = mid_range(points)
+    least_squares = fit_about(points, anchor)
+    if not least_squares.has_fit:
+        return least_squares
     x, y, z = ((points - anchor) / unit).T
     one = np.ones(len(points))
     rows = np.column_stack([x * x, 2 * x * y, 2 * x * z, y * y, 2 * y * z, z * z, x, y, z, one])
     eigenvalues, vectors = np.linalg.eigh(rows.T @ rows)
     if not eigenvalues[1] > SECOND_SMALLEST * eigenvalues.sum():
-        return fit_sphere(points, FitStatus.POOR_COVERAGE)
+        return no_fit(FitStatus.POOR_COVERAGE)
     xx, xy, xz, yy, yz, zz, *rest = vectors[:, 0]
     quadric = quadric_from_coefficients(np.array([xx, yy, zz, 2 * xy, 2 * xz, 2 * yz, *rest]), unit=unit)
     calibration = None if quadric is None else calibration_from_quadric(quadric)
     if calibration is None:
-        return fit_sphere(points, FitStatus.NOT_AN_ELLIPSOID)
+        return no_fit(FitStatus.NOT_AN_ELLIPSOID)
     soft_iron, centre = calibration
-    return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, anchor + centre)
+    return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, anchor + centre, least_squares.coverage)

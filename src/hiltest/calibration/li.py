@@ -39,4 +39,4 @@ def _constraint(clouds: Clouds) -> Array:
     return constraint
 
 
-fit_li = algebraic(_constraint)
+fit_li = algebraic(_constraint, bias_share=1.0)

@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 
 from hiltest.calibration.clouds import FURTHEST_CENTRE, Clouds, Reference, Solution
-from hiltest.calibration.fit import SMALLEST_DETERMINANT, Array, FitStatus
+from hiltest.calibration.fit import BIAS_LEFT, SMALLEST_DETERMINANT, Array, FitStatus
 
 #: Function of parameters and points that returns residuals, shape (n,), and their derivatives by the parameters, shape
 #: (n, parameters).
@@ -35,7 +35,7 @@ _FOOT_STEPS = 50
 _TINY = 1e-12
 
 
-def one_by_one(search: Search) -> Reference:
+def one_by_one(search: Search, *, bias_share: float = BIAS_LEFT) -> Reference:
     """Return the calibrator that searches each instance on its own."""
 
     def solve(clouds: Clouds) -> Solution:
@@ -49,7 +49,7 @@ def one_by_one(search: Search) -> Reference:
                 centre[place], soft_iron[place] = result[:axes], positive_soft_iron(result, axes)
         return Solution(soft_iron, centre, status)
 
-    return Reference(solve)
+    return Reference(solve, bias_share)
 
 
 @lru_cache

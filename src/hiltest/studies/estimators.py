@@ -71,7 +71,9 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
     points = COUNTS_PER_UT * drawn.points_ut[k]
-    return [no_fit(FitStatus.SINGULAR), fit_sphere(points), *(REFERENCES[name](points) for name in NAMES[2:])]
+    sphere = fit_sphere(points)
+    fits = (REFERENCES[name](points) for name in NAMES[2:])
+    return [no_fit(FitStatus.SINGULAR), sphere, *(fit if fit.has_fit else sphere for fit in fits)]
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
