@@ -113,7 +113,7 @@ def count_all() -> list[Count]:
 
     for path in sorted((ROOT / "tests").rglob("*.py")):
         read_names(ast.parse(path.read_text(encoding="utf-8")), str(path.relative_to(ROOT)), names_in_tests)
-    for path in sorted((ROOT / "src/hiltest").rglob("*.py")):
+    for path in sorted([*(ROOT / "src/hiltest").rglob("*.py"), *(ROOT / "hil").rglob("*.py")]):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         place = str(path.relative_to(ROOT))
         read_names(tree, place, names)
