@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.orientation.fusion import FusionNoise
-from hiltest.orientation.quaternions import rotation_ned_from_body
+from hiltest.orientation.quaternions import from_rotation_vector, rotation_ned_from_body
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from . import fusion_matrices
-from .fusion_matrices import IDENTITY, FusionStatus, from_rotation_vector, product
+from .fusion_matrices import IDENTITY, FusionStatus, product
 
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 SOURCE = FIRMWARE / "orientation" / "fusion.c"

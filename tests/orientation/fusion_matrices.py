@@ -28,16 +28,20 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.orientation import DegenerateFieldError, earth_axes
-from hiltest.orientation.fusion import FusionNoise
-from hiltest.orientation.quaternions import Quaternion, from_ned_axes, normalised
+from hiltest.orientation import DegenerateFieldError
+from hiltest.orientation.fusion import FusionNoise, triad
+from hiltest.orientation.quaternions import (
+    Quaternion,
+    from_rotation_vector,
+    left_columns,
+    normalised,
+    right_matrix,
+)
 
 IDENTITY: Quaternion = np.array([0.0, 0.0, 0.0, 1.0])
 IDENTITY.flags.writeable = False
 #: A step that turns by more is refused: it looks like a turn the other way round [rad].
 LONGEST_STEP_RAD = math.pi
-#: Norms between which a vector counts as one: float32 has room for their squares.
-SMALLEST_NORM, LARGEST_NORM = 1e-6, 1e6
 
 
 class FusionStatus(IntEnum):
@@ -77,21 +81,6 @@ def start(attitude: ArrayLike, noise: FusionNoise) -> Fusion:
     """Begin with an attitude that is as good as one of TRIAD's."""
     unit = normalised(attitude)
     return Fusion(unit, _measured_covariance(unit, noise))
-
-
-def triad(gravity: ArrayLike, field: ArrayLike) -> Quaternion:
-    """Return the attitude from gravity and field (TRIAD).
-
-    Raises
-    ------
-    DegenerateFieldError
-        When one has no norm between `SMALLEST_NORM` and `LARGEST_NORM`, or they are within 0.06 degrees of parallel.
-    """
-    for name, vector in (("gravity", gravity), ("field", field)):
-        norm = float(np.linalg.norm(np.asarray(vector, dtype=np.float64)))
-        if not SMALLEST_NORM < norm < LARGEST_NORM:
-            raise DegenerateFieldError(f"{name} has a norm of {norm:g}: no attitude")
-    return from_ned_axes(earth_axes(gravity, field))
 
 
 def predict(state: Fusion, rate_dps: ArrayLike, dt_s: float, noise: FusionNoise) -> tuple[Fusion, FusionStatus]:
@@ -156,42 +145,9 @@ def product(first: ArrayLike, second: ArrayLike) -> Quaternion:
     return right_matrix((x, y, z, w)) @ np.asarray(first, dtype=np.float64)
 
 
-def right_matrix(second: ArrayLike) -> NDArray[np.float64]:
-    """Return the matrix, shape (4, 4), with ``product(q, second) = right_matrix(second) @ q``."""
-    x, y, z, w = np.asarray(second, dtype=np.float64)
-    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
-
-
-def left_columns(second: ArrayLike) -> NDArray[np.float64]:
-    """Return the products of the earth's axes with a quaternion, as columns.
-
-    Notes
-    -----
-    ``q + left_columns(q) @ turn_rad / 2`` is q turned by a small rotation about north, east
-    and down. For a unit q the columns are orthonormal, and orthogonal to q.
-    """
-    x, y, z, w = np.asarray(second, dtype=np.float64)
-    return np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])
-
-
 def conjugate(quaternion: ArrayLike) -> Quaternion:
     """Return the opposite turn of a unit quaternion."""
     return np.asarray(quaternion, dtype=np.float64) * (-1.0, -1.0, -1.0, 1.0)
-
-
-def from_rotation_vector(rotation_rad: ArrayLike) -> Quaternion:
-    """Return the turn about an axis by the vector's length [rad].
-
-    Notes
-    -----
-    The thesis' equations (8) to (11), which are 0/0 for no rotation at all: sine over angle
-    is taken as one function, which is 1/2 there.
-    """
-    vector = np.asarray(rotation_rad, dtype=np.float64)
-    angle_rad = float(np.linalg.norm(vector))
-    # numpy's sinc is sin(pi x)/(pi x), and knows its limit.
-    sine = 0.5 * float(np.sinc(angle_rad / (2.0 * math.pi)))
-    return np.append(sine * vector, math.cos(0.5 * angle_rad))
 
 
 def angle_between_deg(first: ArrayLike, second: ArrayLike) -> float:

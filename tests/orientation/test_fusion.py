@@ -10,18 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hiltest.orientation.angles import Pose
-from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
-from hiltest.orientation.quaternions import from_pose, normalised, rotation_ned_from_body
+from hiltest.orientation.fusion import FusionNoise, fuse, heading_sigma_deg, triad
+from hiltest.orientation.quaternions import (
+    from_pose,
+    from_rotation_vector,
+    left_columns,
+    normalised,
+    rotation_ned_from_body,
+)
 
 from .filters import FilterMaker, Firmware, Reference, swaying_motion
 from .fusion_matrices import (
     IDENTITY,
     FusionStatus,
     angle_between_deg,
-    from_rotation_vector,
-    left_columns,
     product,
-    triad,
 )
 
 NOISE = FusionNoise(rate_dps_rthz=0.1, tilt_deg=0.5, heading_deg=2.0)
@@ -66,6 +69,29 @@ def test_on_perfect_data_the_filter_stays_on_the_truth(either: FilterMaker):
         errors.append(angle_between_deg(result.attitude, truth))
     # In float32 a prediction loses some roundings, and the update, whose gain is 0.02 here, leaves fifty of them.
     assert max(errors) < (FLOAT64_DEG if either is Reference else math.degrees(50 * 3 * 1.2e-7))
+
+
+def test_scalar_variances_are_the_covariance_matrix_of_a_noisy_motion():
+    motion, noise = swaying_motion(10.0), np.random.default_rng(3).normal(0.0, 0.02, (3, 1000, 3))
+    rates_dps, gravity_g, field = (
+        motion.rates_dps + 50.0 * noise[0],
+        motion.gravity_g + noise[1],
+        motion.field + noise[2],
+    )
+    expected, measured = Reference(NOISE), np.full((1000, 4), np.nan)
+    attitudes = []
+    for step in range(1000):
+        expected.predict(rates_dps[step], motion.dt_s)
+        if step % 3 == 0 and expected.update(gravity_g[step], field[step]) is FusionStatus.OK:
+            measured[step] = (-1.0) ** step * triad(gravity_g[step], field[step])
+        attitudes.append(expected.attitude)
+    turns_rad = np.radians(rates_dps) * motion.dt_s
+    fused, turned = fuse(IDENTITY, turns_rad, np.full(1000, motion.dt_s), measured, NOISE).swapaxes(0, 1)
+    assert fused == pytest.approx(np.array(attitudes), abs=1e-12)
+    alone = Reference(NOISE)
+    for rate_dps in rates_dps:
+        alone.predict(rate_dps, motion.dt_s)
+    assert turned[-1] == pytest.approx(alone.attitude, abs=1e-12)
 
 
 def test_the_gyroscope_alone_integrates_a_constant_rate_exactly(either: FilterMaker):

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from hiltest.boards import default_firmware
-from hiltest.orientation.fusion import FusionNoise
+from hiltest.orientation.fusion import FusionNoise, triad
 from hiltest.orientation.quaternions import from_ned_axes
 from hiltest.virtual.board.k64f import VirtualK64F
 
 from .filters import FilterMaker, Firmware, OnBoard, Reference
-from .fusion_matrices import FusionStatus, angle_between_deg, triad
+from .fusion_matrices import FusionStatus, angle_between_deg
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "fusion"
 GOLDEN = json.loads((FOLDER / "sequence.json").read_text(encoding="utf-8"))

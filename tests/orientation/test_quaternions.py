@@ -10,14 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
-from hiltest.orientation.quaternions import from_ned_axes, from_pose, normalised, pose_of, rotation_ned_from_body
+from hiltest.orientation.quaternions import (
+    from_ned_axes,
+    from_pose,
+    from_rotation_vector,
+    left_columns,
+    normalised,
+    pose_of,
+    rotation_ned_from_body,
+)
 from hiltest.world.motion import body_rate_dps
 
 from .fusion_matrices import (
     angle_between_deg,
     conjugate,
-    from_rotation_vector,
-    left_columns,
     product,
 )
 

@@ -12,14 +12,12 @@ from hiltest.boards import Board, VirtualBench
 from hiltest.link.gyroscope import GetGyroscope, SetGyroscope
 from hiltest.link.messages import SetCalibration
 from hiltest.orientation.angles import Pose
-from hiltest.orientation.quaternions import from_pose
+from hiltest.orientation.quaternions import from_pose, left_columns
 from hiltest.procedures import BoardMovedError, FusionResult, SimulatedTurntable, filter_noise, measure_fusion
 from hiltest.procedures.fusion import AttitudeErrors, _error
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.world.motion import MOVE_GRID_S
 from hiltest.world.sway import Sway
-
-from ..orientation.fusion_matrices import left_columns
 
 SLOT = 12
 # A third of the sway's time for all of it: three times as fast, and quicker to test.

@@ -6,7 +6,9 @@ follow from these samples alone. If they differ, the firmware is at fault, even 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import permutations, product
 from typing import Any, NamedTuple, NoReturn
@@ -16,11 +18,44 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.errors import FirmwareContradictionError
-from hiltest.link.gyroscope import EDGE_SAMPLES, GyroscopeRestReply, IntegrateGyroscopeReply, LogGyroscopeReply, Span
-from hiltest.link.messages import ClearPoints, Collect, Points, Read, Reset, Select, Upload
+from hiltest.link.accelerometer import SetAccelerometer
+from hiltest.link.fusion import FusionRead, FusionRecords, FusionRun, FusionStart, FusionSummary
+from hiltest.link.gyroscope import (
+    EDGE_SAMPLES,
+    GyroscopeRest,
+    GyroscopeRestReply,
+    IntegrateGyroscopeReply,
+    LogGyroscopeReply,
+    SetGyroscope,
+    Span,
+    StillnessKind,
+)
+from hiltest.link.messages import (
+    ClearCalibration,
+    ClearPoints,
+    Collect,
+    Points,
+    Read,
+    Reset,
+    Select,
+    SetCalibration,
+    Upload,
+)
 from hiltest.link.poses import AddPoseReply
-from hiltest.link.replies import AverageReply, PointsReply, ReadReply, SensorInfo, SensorKind, Statistic
+from hiltest.link.replies import (
+    DPS_PER_COUNT,
+    G_PER_COUNT,
+    AverageReply,
+    PointsReply,
+    ReadReply,
+    SensorInfo,
+    SensorKind,
+    Statistic,
+)
 from hiltest.link.request import Request
+from hiltest.orientation import DegenerateFieldError
+from hiltest.orientation.fusion import FusionNoise, fuse, triad
+from hiltest.orientation.quaternions import Quaternion
 from hiltest.text import format_count
 
 _FLOAT32_ROUNDING = 2.0**-24  # relative; a sum of n float32 has at most n - 1 of them, and the division one
@@ -30,10 +65,21 @@ _SPAN_PERIODS = 1.0 / 8.0  # PROTOCOL.md: a span's times are known to a sixteent
 # sampler.c: the firmware looks eight times a period, so that it knows the first instants to a sixteenth at either side.
 _PAIRING_PERIODS = 1.0 / 16.0
 _PAIRING_COUNTS = 1.5  # rounding to whole counts of two readings and of the line between them
+# An attitude's rounding to 1/32767 is 6e-5 at most, and 1e-6 in float32 [rad]; the times of rates are known to a look.
+_ATTITUDE_RAD = 1e-4
+_NEAR_LIMIT = 1e-5  # float32 may take a norm or an angle [g, rad] that is this near to a limit to its other side
 _CHANGES_POINTS = frozenset({Collect.code, Upload.code, ClearPoints.code, Reset.code})
+_FUSED = (SensorKind.GYROSCOPE, SensorKind.MAGNETOMETER)
+_CHANGES_RECORDS = frozenset({FusionStart.code, FusionRun.code, Reset.code})
 
 Counts = NDArray[np.int64]
 Reals = NDArray[np.float64]
+
+_NOMINAL = {
+    kind: (unit * np.eye(3), np.zeros(3))
+    for kind, unit in zip(SensorKind, (math.nan, G_PER_COUNT, DPS_PER_COUNT), strict=True)
+}
+"""Calibrations after a reset, PROTOCOL.md; the magnetometer has none."""
 
 
 class Samples(NamedTuple):
@@ -51,8 +97,13 @@ class Samples(NamedTuple):
 
     def since(self, time_s: float) -> Samples:
         """Return the samples that were taken at a time or later."""
-        fresh = self.instant_s >= time_s
-        return Samples(self.counts[fresh], self.number[fresh], self.instant_s[fresh], self.time_s[fresh], self.period_s)
+        return self.at(self.instant_s >= time_s)
+
+    def at(self, places: slice | NDArray[np.bool_]) -> Samples:
+        """Return the samples at some places."""
+        return Samples(
+            self.counts[places], self.number[places], self.instant_s[places], self.time_s[places], self.period_s
+        )
 
 
 @dataclass(slots=True)
@@ -66,6 +117,18 @@ class _CollectedPoints:
     next_sample: int = 0
     read_back: dict[int, Counts] = field(default_factory=dict)
     """Points that were read before, as magnetometer and accelerometer counts."""
+
+
+class _FusionRecords(NamedTuple):
+    """Records of one FUSION_RUN, as they follow from the samples."""
+
+    began_s: float
+    samples: Samples
+    """Samples of the magnetometer at the records."""
+    attitudes: Reals
+    """Shape (n, 3, 4). Attitudes of accelerometer and magnetometer, of the gyroscope, and of the filter."""
+    tolerance_rad: float
+    """Tolerance of the last two; infinity if float32 may decide a step of the filter differently."""
 
 
 class DeliveredSamples:
@@ -97,12 +160,18 @@ class DeliveredSamples:
         self._stored: int | None = None  # points in the buffer; None if unknown
         self._stored_before: int | None = None
         self._collected: list[_CollectedPoints] = []
+        self._fusion_start: tuple[FusionStart, Quaternion] | None = None
+        self._fusion: _FusionRecords | None = None
+        # Matrix and offset by kind and slot; the gyroscope's has no slot.
+        self._calibrations: dict[tuple[SensorKind, int], tuple[ArrayLike, ArrayLike]] = {}
 
     def begin(self, code: int, time_s: float) -> None:
         """Note that a request is sent."""
         self._begin_s = time_s
         if code in _CHANGES_POINTS:
             self._stored_before, self._stored = self._stored, None
+        if code in _CHANGES_RECORDS:
+            self._fusion = None
 
     def check(self, request: Request[Any], reply: object) -> None:
         """Check a reply.
@@ -124,6 +193,13 @@ class DeliveredSamples:
             self._check_points(request.first, reply)
         elif isinstance(reply, GyroscopeRestReply | IntegrateGyroscopeReply | LogGyroscopeReply):
             self._check_gyroscope(reply)
+        elif isinstance(request, FusionStart) and isinstance(reply, np.ndarray):
+            self._check_first_attitude(request, reply)
+        elif isinstance(reply, FusionSummary):
+            self._follow_fusion(reply)
+        elif isinstance(request, FusionRead) and isinstance(reply, FusionRecords):
+            self._check_records(request.first, reply)
+        self._follow_calibrations(request, reply)
 
     def _follow(self, request: Request[Any]) -> None:
         """Follow the state of the firmware: the selected sensors and the buffer of points."""
@@ -142,6 +218,28 @@ class DeliveredSamples:
             fresh = self._fresh(SensorKind.MAGNETOMETER)
             pairs = self._samples(self._selected[SensorKind.ACCELEROMETER])
             self._collected.append(_CollectedPoints(self._stored_before, self._stored, fresh, pairs))
+
+    def _follow_calibrations(self, request: Request[Any], reply: object) -> None:
+        if isinstance(request, SetCalibration):
+            self._calibrations[SensorKind.MAGNETOMETER, request.slot] = request.soft_iron, request.hard_iron
+        elif isinstance(request, SetAccelerometer):
+            self._calibrations[SensorKind.ACCELEROMETER, request.slot] = request.gain, request.offset
+        elif isinstance(request, ClearCalibration):
+            for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
+                self._calibrations.pop((kind, request.slot), None)
+        elif isinstance(request, SetGyroscope):
+            self._calibrations[SensorKind.GYROSCOPE, 0] = request.matrix, request.bias
+        elif isinstance(request, GyroscopeRest) and isinstance(reply, GyroscopeRestReply):
+            if request.store and reply.stillness.kind in (StillnessKind.STILL, StillnessKind.NOT_TESTED):
+                matrix, _ = self._calibrations.get((SensorKind.GYROSCOPE, 0), _NOMINAL[SensorKind.GYROSCOPE])
+                self._calibrations[SensorKind.GYROSCOPE, 0] = matrix, reply.rate.mean
+        elif isinstance(request, Reset):
+            self._calibrations = {}
+
+    def _calibrated(self, kind: SensorKind, slot: int, counts: Counts | Reals) -> Reals:
+        """Return counts under a calibration."""
+        matrix, offset = self._calibrations.get((kind, slot), _NOMINAL[kind])
+        return np.asarray((counts - np.asarray(offset)) @ np.reshape(matrix, (3, 3)).T)
 
     def _fresh(self, kind: SensorKind) -> Samples:
         return self._samples(self._selected[kind]).since(self._begin_s)
@@ -192,11 +290,16 @@ class DeliveredSamples:
 
     def _check_read(self, sensor: SensorInfo, reply: ReadReply) -> None:
         samples = self._samples(sensor)
-        used = samples.since(self._begin_s)
-        place = self._place_of_sequence(sensor, used, samples, reply.counts)
-        for index, board_us in enumerate(reply.time_us.tolist()):
-            time_s, instant_s = self._virtual_s(board_us), float(used.instant_s[place + index])
-            read_s = float(used.time_s[place + index])
+        fresh = samples.since(self._begin_s)
+        place = self._place_of_sequence(sensor, fresh, samples, reply.counts)
+        used = fresh.at(slice(place, place + len(reply.counts)))
+        self._check_times(sensor, used, np.array([self._virtual_s(time_us) for time_us in reply.time_us.tolist()]))
+        self._check_temperature(sensor, reply.die_temperature_degc)
+
+    def _check_times(self, sensor: SensorInfo, samples: Samples, times_s: Reals) -> None:
+        """Check the times of samples by the firmware's clock: between the sampling instant and the transfer."""
+        rows = zip(times_s.tolist(), samples.instant_s.tolist(), samples.time_s.tolist(), strict=True)
+        for index, (time_s, instant_s, read_s) in enumerate(rows):
             if time_s < instant_s - _LOOK_S:
                 _raise(
                     f"the firmware's time of {sensor.name} sample {index} is {1e3 * (instant_s - time_s):.2f} ms "
@@ -207,7 +310,6 @@ class DeliveredSamples:
                     f"the firmware's time of {sensor.name} sample {index} is {1e3 * (time_s - read_s):.2f} ms after it "
                     "was read"
                 )
-        self._check_temperature(sensor, reply.die_temperature_degc)
 
     def _place_of_sequence(self, sensor: SensorInfo, fresh: Samples, samples: Samples, answered: ArrayLike) -> int:
         """Return the place of answered samples in those that were delivered, or raise the difference."""
@@ -288,6 +390,85 @@ class DeliveredSamples:
                 sensor, samples, slice(place, place + n), reply.span, in_log=isinstance(reply, LogGyroscopeReply)
             )
 
+    def _check_first_attitude(self, request: FusionStart, attitude: Quaternion) -> None:
+        self._fusion_start = request, attitude
+        magnetometer = self._fresh(SensorKind.MAGNETOMETER).at(slice(-request.readings, None))
+        if len(magnetometer.counts) < request.readings:
+            samples = format_count(request.readings, "sample")
+            _raise(f"the firmware's attitude is from {samples}, and the sensor delivered {len(magnetometer.counts)}")
+        accelerations = self._latest_accelerations(np.append(magnetometer.time_s[1:], np.inf))
+        gravity_g = self._calibrated(SensorKind.ACCELEROMETER, request.slot, accelerations.mean(axis=0))
+        field = self._calibrated(SensorKind.MAGNETOMETER, request.slot, magnetometer.counts.mean(axis=0))
+        _check_attitudes("first attitude", attitude[None], _triads(gravity_g[None], field[None]), _ATTITUDE_RAD)
+
+    def _latest_accelerations(self, until_s: Reals) -> Counts:
+        """Return the accelerometer's latest samples before the transfers of others' next samples."""
+        accelerometer = self._samples(self._selected[SensorKind.ACCELEROMETER])
+        latest = np.searchsorted(accelerometer.time_s, until_s) - 1
+        if latest.min(initial=0) < 0:
+            _raise("the firmware answers an attitude for which the accelerometer delivered no sample")
+        return accelerometer.counts[latest]
+
+    def _follow_fusion(self, summary: FusionSummary) -> None:
+        if self._fusion_start is None:
+            return
+        began_s = self._virtual_s(summary.began_us)
+        gyroscope, magnetometer = (
+            samples.at(samples.time_s > began_s) for samples in (self._samples(self._selected[kind]) for kind in _FUSED)
+        )
+        corrections, predictions = len(magnetometer.counts), len(gyroscope.counts) + len(magnetometer.counts)
+        for name, steps, delivered in (
+            ("correction", summary.updated.steps, corrections),
+            ("prediction", summary.predicted.steps, predictions),
+            ("record", summary.records, -(-corrections // self._fusion_start[0].every)),
+        ):
+            if steps != delivered:
+                _raise(f"the firmware answers {format_count(steps, name)}, and the sensors' samples make {delivered}")
+        self._fusion = self._fuse(*self._fusion_start, began_s, gyroscope, magnetometer)
+
+    def _fuse(
+        self, start: FusionStart, first: Quaternion, began_s: float, gyroscope: Samples, magnetometer: Samples
+    ) -> _FusionRecords:
+        """Run the filter with delivered samples."""
+        times_s = np.append(gyroscope.time_s, magnetometer.time_s)
+        order = np.argsort(times_s, kind="stable")
+        times_s, is_correction = times_s[order], order >= len(gyroscope.counts)
+        # A gyroscope's sample turns by the mean of its rate and the one before, a magnetometer's by the latest rate.
+        rates_rad_s = np.radians(np.vstack([np.zeros(3), self._calibrated(SensorKind.GYROSCOPE, 0, gyroscope.counts)]))
+        latest = np.cumsum(~is_correction)
+        before = np.where(is_correction, latest, np.maximum(latest - 1, 1))
+        steps_s = np.diff(times_s, prepend=began_s + 0.5 * _LOOK_S)
+        turns_rad = 0.5 * (rates_rad_s[latest] + rates_rad_s[before]) * steps_s[:, None]
+        accelerations = self._latest_accelerations(np.append(times_s[1:], np.inf)[is_correction])
+        gravity_g = self._calibrated(SensorKind.ACCELEROMETER, start.slot, accelerations)
+        field = self._calibrated(SensorKind.MAGNETOMETER, start.slot, magnetometer.counts)
+        measured = _triads(gravity_g, field)
+        beyond_gate_g = np.abs(np.linalg.norm(gravity_g, axis=1) - 1.0) - start.gate_g
+        used = np.full((len(order), 4), np.nan)
+        used[is_correction] = np.where(beyond_gate_g[:, None] <= 0.0, measured, np.nan)
+        noise = FusionNoise(start.rate_dps_rthz, start.tilt_deg, start.heading_deg, start.gate_g)
+        fused, turned = fuse(first, turns_rad, steps_s, used, noise)[is_correction].swapaxes(0, 1)
+        tolerance_rad = _ATTITUDE_RAD + _LOOK_S * float(np.linalg.norm(rates_rad_s, axis=1).max())
+        largest_turn_rad = np.linalg.norm(turns_rad, axis=1).max(initial=0.0)
+        if largest_turn_rad > math.pi - _NEAR_LIMIT or (np.abs(beyond_gate_g) < _NEAR_LIMIT).any():
+            tolerance_rad = math.inf
+        places = slice(None, None, start.every)
+        attitudes = np.stack([measured, turned, fused], axis=1)[places]
+        return _FusionRecords(began_s, magnetometer.at(places), attitudes, tolerance_rad)
+
+    def _check_records(self, first: int, records: FusionRecords) -> None:
+        if self._fusion is None:
+            return
+        chosen = slice(first, first + len(records.time_us))
+        samples, attitudes = self._fusion.samples.at(chosen), self._fusion.attitudes[chosen]
+        if len(attitudes) < len(records.time_us):
+            _raise(f"the firmware answers {len(records.time_us)} records from {first} on, and made {len(attitudes)}")
+        times_s = self._fusion.began_s + 1e-6 * records.time_us.astype(np.float64)
+        self._check_times(self._selected[SensorKind.MAGNETOMETER], samples, times_s)
+        _check_attitudes("attitude of accelerometer and magnetometer", records.measured, attitudes[:, 0], _ATTITUDE_RAD)
+        _check_attitudes("attitude of the gyroscope", records.turned, attitudes[:, 1], self._fusion.tolerance_rad)
+        _check_attitudes("attitude of the filter", records.fused, attitudes[:, 2], self._fusion.tolerance_rad)
+
     def _check_sums(self, sensor: SensorInfo, reply: IntegrateGyroscopeReply) -> tuple[Samples, int]:
         n, samples = reply.n, self._fresh(SensorKind.GYROSCOPE)
         places = np.flatnonzero(np.all(_window_sums(samples.counts, n) == reply.total, axis=1))
@@ -340,6 +521,28 @@ def _raise(fault: str) -> NoReturn:
 
 def _series(sensor: SensorInfo, n: int, statistic: str) -> str:
     return f"the firmware's {statistic} of {format_count(n, f'{sensor.kind.name.lower()} sample')}"
+
+
+def _triads(gravity_g: Reals, field: Reals) -> Reals:
+    """Return the attitudes of vectors, shape (n, 4); NaN if they have none."""
+    attitudes = np.full((len(field), 4), np.nan)
+    for index in range(len(field)):
+        with suppress(DegenerateFieldError):
+            attitudes[index] = triad(gravity_g[index], field[index])
+    return attitudes
+
+
+def _check_attitudes(name: str, answered: Reals, expected: Reals, tolerance_rad: float) -> None:
+    """Compare attitudes of either sign, shape (n, 4); NaN is none."""
+    angles_rad = 2.0 * np.minimum(*(np.linalg.norm(answered + sign * expected, axis=1) for sign in (-1.0, 1.0)))
+    is_missing = np.isnan(answered[:, 0]) != np.isnan(expected[:, 0])
+    wrong = np.flatnonzero(is_missing | (angles_rad > tolerance_rad))
+    if len(wrong):
+        difference = f"{math.degrees(angles_rad[wrong[0]]):.3g} degrees apart"
+        _raise(
+            f"the firmware's {name} does not follow from the samples that the sensors delivered "
+            f"({'one of them is missing' if is_missing[wrong[0]] else difference})"
+        )
 
 
 def _tolerance(n: int, counts: Counts) -> float:
