@@ -24,6 +24,8 @@ SAME_UNIT = 2.0
 REFERENCE_CALIBRATORS = ("direct", "corrected", "iterative")
 FEWEST_SAMPLES = 50
 
+# Two decimals of g round by 5 mg, the noise of a window by 1; a scale that is wrong by 2 % is beyond it.
+ACCELERATION_ERROR = Limit(max=20.0)
 # Ten readings of 0.4 uT in a window have a mean within 0.6 uT of that of all samples at the pose, at five sigma.
 SAMPLE_ERROR = Limit(max=1.0)
 
@@ -67,6 +69,13 @@ def test_the_reported_field_is_that_of_the_samples(known_angles: ReportedAngles,
         if error_ut is not None
         else "the board observes no samples, or the firmware reports no raw field",
     )
+
+
+def test_the_reported_acceleration_is_that_of_the_samples(known_angles: ReportedAngles, measure: Measure) -> None:
+    error_g = known_angles.acceleration_error_g()
+    if error_g is None:
+        pytest.skip("the board observes no samples, or the firmware reports no raw acceleration")
+    measure("device.acceleration_error", 1000.0 * error_g, "mg", limit=ACCELERATION_ERROR)
 
 
 def test_pitch_and_roll_at_known_angles(known_angles: ReportedAngles, board: Board, measure: Measure) -> None:

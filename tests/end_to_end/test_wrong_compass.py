@@ -69,6 +69,16 @@ FITTED = "        background->iron = iron;\n"
         ),
         (
             Edit(
+                "compass/output_lines.c",
+                'put_vector(" ACC=", state->gravity, 1.0f',
+                'put_vector(" ACC=", state->gravity, 0.97f',
+            ),
+            "level",
+            "device.acceleration_error",
+            "",
+        ),
+        (
+            Edit(
                 "compass/main.c",
                 SAID,
                 f"    state.heading_deg = 30.0f * (float)(int)((state.heading_deg + 13.3f) / 30.0f) + 1.7f;\n{SAID}",
@@ -86,6 +96,7 @@ FITTED = "        background->iron = iron;\n"
         "a heading that is frozen",
         "a heading with an offset",
         "errors on the way",
+        "a scale of the shown acceleration",
         "the table's angles",
     ],
 )

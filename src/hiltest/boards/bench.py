@@ -270,13 +270,14 @@ class VirtualBench:
         )
 
     def delivered_fields(self) -> dict[str, list[int]]:
-        """Return the number and the sums of the samples that each magnetometer has delivered since power-on."""
+        """Return the number and the sums of the samples that the parts have delivered since power-on."""
         fields = {}
         for (bus, address), part in self._parts.items():
             for output in part.outputs:
-                if output.quantity is Sensed.MAGNETOMETER and output.delivered[0]:
+                if output.quantity is not Sensed.GYROSCOPE and output.delivered[0]:
                     count, *sums = output.delivered
-                    fields[f"{bus}:{address:02x}"] = [count, *_turn_to_body(np.array(sums), output).tolist()]
+                    unit = " g" if output.quantity is Sensed.ACCELEROMETER else ""
+                    fields[f"{bus}:{address:02x}{unit}"] = [count, *_turn_to_body(np.array(sums), output).tolist()]
         return fields
 
     def delivered_temperature(self, sensor: SensorInfo) -> int | None:

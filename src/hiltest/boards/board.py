@@ -415,12 +415,13 @@ class Board(ABC):
     def delivered_fields(self) -> Mapping[str, list[int]] | None:
         """Return the samples that each magnetometer has delivered so far, by bus and address; None if unknown.
 
-        A value has their number and their sums along x, y and z of the body [count].
+        A value has their number and their sums along x, y and z of the body [count]. Those of an accelerometer have
+        the name with ``g`` behind it, and the unit of 1/16384 g; recordings of earlier versions lack them.
         """
         return None
 
     def sensor_settings(self) -> Sequence[PartSettings] | None:
-        """Return the present registers of the parts that run, or have delivered a sample; None if unknown."""
+        """Return the registers of the parts that run, or that they had at their latest sample; None if unknown."""
         return None
 
     def true_attitude(self, board_us: int) -> Pose | None:

@@ -84,6 +84,8 @@ class HeldPose:
     """Shape (3,), or None. Means of the firmware's calibrated vectors, in hiltest's axes."""
     reported_ut: Reals | None
     """Shape (3,), or None. Mean of the raw magnetometer as the firmware reports it, in hiltest's axes."""
+    reported_g: Reals | None
+    """Shape (3,), or None. Mean of the raw accelerometer as the firmware reports it, in hiltest's axes."""
     read_ut: Reals | None
     """Shape (3,), or None. Mean of the raw magnetometer; in a simulated world the noise-free reading if the firmware
     does not report it."""
@@ -119,12 +121,21 @@ class ReportedAngles(KnownAngles):
         It is that of the magnetometer with the smallest one; None if the board does not observe samples, or the
         firmware does not report its raw field.
         """
+        return self._sample_error([(pose.reported_ut, pose.settled.delivered) for pose in self.held])
+
+    def acceleration_error_g(self) -> float | None:
+        """Return the same for the reported raw acceleration [g]."""
+        return self._sample_error([(pose.reported_g, pose.settled.delivered_g) for pose in self.held])
+
+    def _sample_error(
+        self, pairs: Sequence[tuple[Reals | None, Mapping[str, tuple[int, Reals]] | None]]
+    ) -> float | None:
         errors: dict[str, list[float]] = {}
-        for pose in self.held:
-            if pose.settled.delivered is None or pose.reported_ut is None:
+        for reported, delivered in pairs:
+            if delivered is None or reported is None:
                 return None
-            for part, (_, mean_ut) in pose.settled.delivered.items():
-                errors.setdefault(part, []).append(float(np.abs(pose.reported_ut - mean_ut).max()))
+            for part, (_, mean) in delivered.items():
+                errors.setdefault(part, []).append(float(np.abs(reported - mean).max()))
         largest = [max(values) for values in errors.values() if len(values) == len(self.held)]
         return min(largest, default=None)
 
@@ -341,6 +352,7 @@ def measure_reported_angles(
                 field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
                 gravity_g=_mean(settled, _gravity(board), frame.gravity),
                 reported_ut=_mean(settled, Quantity.MAGNETOMETER, frame.vector),
+                reported_g=_mean(settled, Quantity.ACCELEROMETER, frame.gravity),
                 read_ut=_read_ut(board, settled, attitude, frame),
             )
         )

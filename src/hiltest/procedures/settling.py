@@ -24,6 +24,7 @@ STANDARD_ERRORS = 2.0
 NEIGHBOURS_DEG = 5.0
 """Largest difference of two consecutive headings at rest: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte
 25."""
+_COUNTS_PER_G = 16_384.0  # of `Board.delivered_fields`
 # Margin for a quotient of two times that rounding puts below a whole number.
 _ROUNDING = 1e-6
 
@@ -45,6 +46,8 @@ class Settled:
     delivered: Mapping[str, tuple[int, NDArray[np.float64]]] | None = None
     """Number and mean, shape (3,) [uT], of the samples that each magnetometer delivered during the wait; None if the
     board does not observe them."""
+    delivered_g: Mapping[str, tuple[int, NDArray[np.float64]]] | None = None
+    """The same for each accelerometer [g]."""
 
     @property
     def samples(self) -> int | None:
@@ -103,19 +106,24 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
         settled = bool(before) and agree(before, headings_deg)
         windows_left -= 1
         if settled or windows_left <= 0:
-            means = _means_since(delivered, board.delivered_fields())
-            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, means)
+            after = board.delivered_fields()
+            means = (_means_since(delivered, after, *unit) for unit in ((COUNTS_PER_UT, False), (_COUNTS_PER_G, True)))
+            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, *means)
         before = headings_deg
 
 
 def _means_since(
-    before: Mapping[str, list[int]] | None, after: Mapping[str, list[int]] | None
+    before: Mapping[str, list[int]] | None, after: Mapping[str, list[int]] | None, per_unit: float, of_gravity: bool
 ) -> Mapping[str, tuple[int, NDArray[np.float64]]] | None:
-    """Return number and mean [uT] of the samples between two looks, by magnetometer."""
+    """Return number and mean of the samples between two looks, by magnetometer or by accelerometer."""
     if before is None or after is None:
         return None
-    moved = {part: np.array(sums) - before.get(part, [0, 0, 0, 0]) for part, sums in after.items()}
-    return {part: (int(sums[0]), sums[1:] / (COUNTS_PER_UT * sums[0])) for part, sums in moved.items() if sums[0]}
+    moved = {
+        part: np.array(sums) - before.get(part, [0, 0, 0, 0])
+        for part, sums in after.items()
+        if part.endswith(" g") == of_gravity
+    }
+    return {part: (int(sums[0]), sums[1:] / (per_unit * sums[0])) for part, sums in moved.items() if sums[0]}
 
 
 def confirmed(headings_deg: Sequence[float], checked: Sequence[bool]) -> list[float]:

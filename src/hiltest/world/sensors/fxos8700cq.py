@@ -302,6 +302,7 @@ class Fxos8700cq(RegisterDevice):
         rate_hz = rates_hz[self._registers[CTRL_REG1] >> 3 & 7]
         # Data sheet: turn-on time from standby 2/ODR + 1 ms.
         first_s = time_s + 2.0 / rate_hz + 0.001
+        self._accelerometer.range = self._full_scale
         if mode != 1:
             self._accelerometer.begin(rate_hz, first_s=first_s)
         self._fifo.begin(time_s)

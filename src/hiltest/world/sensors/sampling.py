@@ -73,7 +73,9 @@ class SampledOutput(Restorable):
     deliveries : deque of Delivery
         Samples that were read, in order; only the latest are kept.
     delivered : list of int
-        Number of all samples that were read, and the sums of their words.
+        Number of all samples that were read, and the sums of their words, each multiplied by 2 to the power of `range`.
+    range : int
+        Range of the output in doublings of the smallest one, by which a word counts more.
     """
 
     def __init__(
@@ -90,6 +92,7 @@ class SampledOutput(Restorable):
         self.body_axes = body_axes
         self.deliveries: deque[Delivery] = deque(maxlen=_DELIVERIES_AT_MOST)
         self.delivered = [0, 0, 0, 0]
+        self.range = 0
         self._world = world
         self._noise = noise
         self._measure = measure
@@ -202,7 +205,7 @@ class SampledOutput(Restorable):
         delivered = self.delivered
         delivered[0] += 1
         for axis, word in enumerate(words, 1):
-            delivered[axis] += word
+            delivered[axis] += word << self.range
         self.deliveries.append(Delivery(time_s, number / self._rate_hz, number, words))
 
     def latest(self, time_s: float) -> int:
