@@ -57,6 +57,20 @@ def test_every_register_that_firmware_can_write_is_in_the_table(part: str, addre
 
 
 @pytest.mark.parametrize("part", PARTS)
+def test_settings_of_a_sample_are_known_after_they_are_changed_back(part: str) -> None:
+    device, (*others, last) = PARTS[part](), RUNNING[part].items()
+    for address, value in (*others, last):
+        write(device, 0.1, address, value)
+    settings = device.settings()
+    assert device.sampled_settings() == settings
+    for output in OUTPUTS[part]:
+        read(device, 0.5, output, 6)
+    write(device, 0.6, last[0], 0)
+    assert device.settings() != settings
+    assert device.sampled_settings() == settings
+
+
+@pytest.mark.parametrize("part", PARTS)
 def test_reading_the_settings_changes_nothing(part: str) -> None:
     device, other = PARTS[part](), PARTS[part]()
     for address, value in RUNNING[part].items():

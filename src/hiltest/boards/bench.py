@@ -286,7 +286,7 @@ class VirtualBench:
         return part.transferred.get(part.temperature_register)
 
     def sensor_settings(self) -> list[PartSettings]:
-        """Return the registers of the parts that run, or have delivered a sample."""
+        """Return the registers of the parts that run, or that they had at their latest sample."""
         settings = []
         for name in self.rig.world.fitted if self.rig.world else ():
             place = PARTS[name]
@@ -294,7 +294,7 @@ class VirtualBench:
             if any(output.delivered[0] or math.isfinite(output.next_sample_s(self.time_s)) for output in part.outputs):
                 prefix, dash, kind = name.rpartition("-")
                 settings.append(
-                    PartSettings(f"{prefix}{dash}{kind.upper()}", place.bus, place.address, part.settings())
+                    PartSettings(f"{prefix}{dash}{kind.upper()}", place.bus, place.address, part.sampled_settings())
                 )
         return settings
 

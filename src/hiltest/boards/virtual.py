@@ -220,11 +220,11 @@ class VirtualBoard(Board):
         return seen_memory_use(self._machine, calls)
 
     def delivered_fields(self) -> Mapping[str, list[int]]:
-        """Return the number and the sums of the samples that each magnetometer has delivered so far."""
+        """Return the number and the sums of the samples that magnetometers and accelerometers have delivered so far."""
         return self._bench.delivered_fields()
 
     def sensor_settings(self) -> Sequence[PartSettings]:
-        """Return the present registers of the parts that run, or have delivered a sample."""
+        """Return the registers of the parts that run, or that they had at their latest sample."""
         return self._bench.sensor_settings()
 
     def true_attitude(self, board_us: int) -> Pose | None:

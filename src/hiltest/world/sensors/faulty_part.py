@@ -49,6 +49,10 @@ class FaultyPart(Restorable):
         """Return the registers of the present or last part that firmware can write, by address."""
         return self._part.settings()
 
+    def sampled_settings(self) -> dict[int, int]:
+        """Return these registers at its latest delivered sample."""
+        return self._part.sampled_settings()
+
     @property
     def temperature_register(self) -> int:
         """Register of the die temperature."""

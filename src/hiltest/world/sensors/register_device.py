@@ -35,6 +35,8 @@ class RegisterDevice(ABC, Restorable):
         self.address = address
         self.outputs: tuple[SampledOutput, ...] = ()
         self.transferred: dict[int, int] = {}
+        self._samples = 0
+        self._sampled: dict[int, int] = {}
         self._pointer = 0
         self._awaiting_pointer = False
 
@@ -58,6 +60,7 @@ class RegisterDevice(ABC, Restorable):
             self._pointer = value
             self._awaiting_pointer = False
             return True
+        self.sampled_settings()
         acknowledged = self.write_register(self._pointer, value, time_s)
         self._pointer = (self._pointer + 1) & 0xFF
         return acknowledged
@@ -92,6 +95,13 @@ class RegisterDevice(ABC, Restorable):
     def settings(self) -> dict[int, int]:
         """Return the present values of the registers that firmware can write, by address; empty if unknown."""
         return {}
+
+    def sampled_settings(self) -> dict[int, int]:
+        """Return the settings at the latest delivered sample, though they may have changed since; else the present."""
+        samples = sum(output.delivered[0] for output in self.outputs)
+        if samples != self._samples:
+            self._samples, self._sampled = samples, self.settings()
+        return self._sampled or self.settings()
 
     def settle(self, time_s: float) -> None:
         """Perform pending transitions in time, before an access."""
