@@ -140,7 +140,8 @@ def test_exports_are_written_for_what_is_not_refused(clouds: Path) -> None:
 
 
 def test_a_refused_calibration_is_not_exported(clouds: Path) -> None:
-    done = fit("cap.csv", "--on", "host", "--export-json", "c.json", "--export-header", "c.h", folder=clouds)
+    options = ("--shape", "sphere", "--export-json", "c.json", "--export-header", "c.h")
+    done = fit("cap.csv", "--on", "host", *options, folder=clouds)
     assert done.returncode == 1
     assert "refused: the calibration was not exported" in done.stderr
     assert not {"c.json", "c.h"} & {path.name for path in clouds.iterdir()}
@@ -148,7 +149,7 @@ def test_a_refused_calibration_is_not_exported(clouds: Path) -> None:
 
 def test_force_exports_a_refused_calibration_and_marks_it(clouds: Path) -> None:
     options = ("--force", "--export-json", "c.json", "--export-header", "c.h")
-    done = fit("cap.csv", "--on", "host", "--calibrator", "iterative", *options, folder=clouds)
+    done = fit("cap.csv", "--on", "host", "--shape", "sphere", *options, folder=clouds)
     assert done.returncode == 1
     assert json.loads((clouds / "c.json").read_text(encoding="utf-8"))["verdict"] == "refused"
     assert "#warning" in (clouds / "c.h").read_text(encoding="utf-8")
