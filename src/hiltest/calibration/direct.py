@@ -105,27 +105,27 @@ def direction_variance(
 ) -> Array:
     """Predict the mean square of the angle between directions by the fitted ellipsoid and the true ones [rad^2].
 
-        Parameters
-        ----------
-        n
-            Number of points.
-        total : shape (3, ...)
-            Their sum.
-        residual : shape (...)
-            Sum of the squares of D, the algebraic distance.
-        centre : shape (3, ...)
-        level : shape (...)
-            Ellipsoid ``(p - centre)' A (p - centre) = level``, in the points' coordinates.
-        constant : shape (9, ...)
-            Last column of the inverse of the normal matrix.
-        pivots : shape (9, ...)
-            Pivots of that matrix.
-        bias_share
-            Part of the bias of least squares that the fit has.
+    Parameters
+    ----------
+    n
+        Number of points.
+    total : shape (3, ...)
+        Their sum.
+    residual : shape (...)
+        Sum of the squares of D, the algebraic distance.
+    centre : shape (3, ...)
+    level : shape (...)
+        Ellipsoid ``(p - centre)' A (p - centre) = level``, in the points' coordinates.
+    constant : shape (9, ...)
+        Last column of the inverse of the normal matrix.
+    pivots : shape (9, ...)
+        Pivots of that matrix.
+    bias_share
+        Part of the bias of least squares that the fit has.
 
-        Notes
-        -----
-        With A near a third of the identity, an error (dA, dg, dj) turns directions by the mean square
+    Notes
+    -----
+    With A near a third of the identity, an error (dA, dg, dj) turns directions by the mean square
     ``9/20 |dA|^2 + |dg + 2 dA centre|^2 / (2 level)``. Its covariance is that of least squares, the inverse of the
     normal matrix times the variance of D, by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21,
     1979) ``n sum D^2 / (n - 9)^2``. Of that inverse, whose factors are the pivots and the inverse of L, the last row is
