@@ -1,4 +1,4 @@
-"""The sample compass with one thing wrong: ``hiltest run --rig text-compass`` must end red, by the right name."""
+"""The sample compass with one thing wrong ends red, by the right name; one that averages longer is not wrong."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.rig.bench_files import shipped
+
+from ..finished_run import run_hiltest
 from .firmware_edits import Edit, FirmwareCopy
 
 WALL_LIMIT_S = 300  # a run takes half a minute
@@ -113,3 +116,16 @@ def test_a_compass_with_a_mistake_is_red_by_its_name(
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     failed = [measurement["name"] for measurement in record["measurements"] if measurement["outcome"] == "fail"]
     assert red in failed or not red
+
+
+def test_a_compass_that_averages_100_samples_raises_no_alarm(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path
+) -> None:
+    edit = Edit("compass/main.c", "#define SAMPLES_A_STATE 8 ", "#define SAMPLES_A_STATE 100 ")
+    elf = copy_of_the_firmware.build_compass(edit, tmp_path / "edited.elf")
+    text = (shipped() / "rigs" / "text-compass.toml").read_text(encoding="utf-8")
+    slower = text.replace('kind = "text"\n', 'kind = "text"\nwindow_s = 2.5\n', 1)  # a line comes every 1.25 s
+    (tmp_path / "slower.toml").write_text(slower, encoding="utf-8")
+    ended = run_hiltest(tmp_path, "--rig", "slower.toml", "--firmware", str(elf))
+    assert ended.code == 0, ended.output + ended.errors
+    assert ended.value("heading.firmware.max") < 1.0
