@@ -20,6 +20,7 @@ from hiltest.calibration.direct import fit_about
 from hiltest.calibration.fit import (
     BIAS_LEFT,
     ELLIPSOID_UNKNOWNS,
+    LARGEST_DIRECTION_ERROR_DEG,
     SMALLEST_DETERMINANT,
     Array,
     FitStatus,
@@ -126,25 +127,31 @@ class Reference:
     bias_share: float = BIAS_LEFT
     """See `hiltest.calibration.direct.direction_variance`."""
 
-    def __call__(self, points_counts: ArrayLike) -> MagnetometerFit:
+    def __call__(
+        self, points_counts: ArrayLike, *, largest_error_deg: float = LARGEST_DIRECTION_ERROR_DEG
+    ) -> MagnetometerFit:
         """Calibrate from one instance.
 
         Parameters
         ----------
         points_counts : shape (n, 3)
             Raw points [counts], body frame.
+        largest_error_deg
+            See `hiltest.calibration.direct.fit_direct`.
 
         Returns
         -------
         MagnetometerFit
             Status ELLIPSOID; or without a fit TOO_FEW_POINTS, SINGULAR, NOT_AN_ELLIPSOID, or
             POOR_COVERAGE if the error of directions that is predicted for least squares with `bias_share` exceeds
-            `LARGEST_DIRECTION_ERROR_DEG`.
+            `largest_error_deg`.
         """
         points = points_array(points_counts)
         if len(points) < ELLIPSOID_UNKNOWNS:
             return no_fit(FitStatus.TOO_FEW_POINTS)
-        least_squares = fit_about(points, mid_range(points), bias_share=self.bias_share)
+        least_squares = fit_about(
+            points, mid_range(points), bias_share=self.bias_share, largest_error_deg=largest_error_deg
+        )
         if not least_squares.has_fit:
             return no_fit(least_squares.status, coverage=least_squares.coverage)
         result = self.batch(points)

@@ -36,6 +36,7 @@ from hiltest.calibration.fit import (
     BIAS_LEFT,
     COVERAGE_LIMIT,
     COVERAGE_SINGULAR,
+    LARGEST_DIRECTION_ERROR_DEG,
     Array,
     FitStatus,
     MagnetometerFit,
@@ -68,13 +69,17 @@ _PRODUCTS = tuple(np.moveaxis(_EXPONENTS[:, None] + _EXPONENTS, -1, 0))
 _UNIT_TRACE = np.eye(10)[[0, 1, 3, 4, 5, 6, 7, 8, 9, 2]] - np.outer([1, 1, *[0] * 8], np.eye(10)[2])
 
 
-def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
+def fit_corrected(
+    points_counts: ArrayLike, *, largest_error_deg: float = LARGEST_DIRECTION_ERROR_DEG
+) -> MagnetometerFit:
     """Fit the quadric of unit trace without the bias that noise makes, and calibrate by it.
 
     Parameters
     ----------
     points_counts : shape (n, 3)
         Raw points [counts], body frame, with noise of one variance on all axes.
+    largest_error_deg
+        See `fit_direct`.
 
     Returns
     -------
@@ -84,11 +89,12 @@ def fit_corrected(points_counts: ArrayLike) -> MagnetometerFit:
         its bias; for fewer than 50 points, for noise of a tenth of the field or more, and if the corrected sums have no
         ellipsoid. Its coverage is always that of `direct`.
     """
-    direct = fit_direct(points_counts)
+    direct = fit_direct(points_counts, largest_error_deg=largest_error_deg)
     points = points_array(points_counts)
     if len(points) < FEWEST_POINTS or direct.coverage > COVERAGE_LIMIT:
         return direct
-    if fit_about(points, mid_range(points), bias_share=BIAS_LEFT).status is not FitStatus.ELLIPSOID:
+    anchor = mid_range(points)
+    if not fit_about(points, anchor, bias_share=BIAS_LEFT, largest_error_deg=largest_error_deg).has_fit:
         return direct
     adjusted = _newton(power_sums((points - mid_range(points)) / half_range(points)))
     if adjusted is None or not adjusted.relative_noise < LARGEST_NOISE:

@@ -26,19 +26,21 @@ from hiltest.calibration.quadric import calibration_from_quadric, quadric_from_c
 SMALLEST_RESIDUAL = 1e-6
 
 
-def fit_direct(points_counts: ArrayLike) -> MagnetometerFit:
+def fit_direct(points_counts: ArrayLike, *, largest_error_deg: float = LARGEST_DIRECTION_ERROR_DEG) -> MagnetometerFit:
     """Fit the quadric of unit trace by linear least squares, and calibrate by it.
 
     Parameters
     ----------
     points_counts : shape (n, 3)
         Raw points [counts], body frame; at least 10.
+    largest_error_deg
+        Fits with a larger predicted error are refused; infinity serves to compare estimators.
 
     Returns
     -------
     MagnetometerFit
         Status ELLIPSOID; or without a fit TOO_FEW_POINTS, SINGULAR, NOT_AN_ELLIPSOID, or POOR_COVERAGE if the
-        predicted error of directions exceeds `LARGEST_DIRECTION_ERROR_DEG`.
+        predicted error of directions exceeds `largest_error_deg`.
 
     Notes
     -----
@@ -50,10 +52,16 @@ def fit_direct(points_counts: ArrayLike) -> MagnetometerFit:
     points = points_array(points_counts)
     if len(points) < ELLIPSOID_UNKNOWNS:
         return no_fit(FitStatus.TOO_FEW_POINTS)
-    return fit_about(points, mid_range(points))
+    return fit_about(points, mid_range(points), largest_error_deg=largest_error_deg)
 
 
-def fit_about(points: Array, anchor: Array, *, bias_share: float = 1.0) -> MagnetometerFit:
+def fit_about(
+    points: Array,
+    anchor: Array,
+    *,
+    bias_share: float = 1.0,
+    largest_error_deg: float = LARGEST_DIRECTION_ERROR_DEG,
+) -> MagnetometerFit:
     """Fit as `fit_direct` does, coordinates relative to an anchor [counts] near the middle of at least 9 points.
 
     Parameters
@@ -87,7 +95,7 @@ def fit_about(points: Array, anchor: Array, *, bias_share: float = 1.0) -> Magne
         *_inverse_factors(normal),
         bias_share=bias_share,
     )
-    if not variance <= math.radians(LARGEST_DIRECTION_ERROR_DEG) ** 2:
+    if not variance <= math.radians(largest_error_deg) ** 2:
         return no_fit(FitStatus.POOR_COVERAGE, coverage=coverage)
     return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, anchor + centre, coverage)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,7 +74,13 @@ class MagnetometerFit:
         return corrected
 
 
-Calibrator: TypeAlias = Callable[[ArrayLike], MagnetometerFit]
+class Calibrator(Protocol):
+    """A magnetometer calibrator."""
+
+    def __call__(
+        self, points_counts: ArrayLike, *, largest_error_deg: float = LARGEST_DIRECTION_ERROR_DEG
+    ) -> MagnetometerFit:
+        """Calibrate from points, shape (n, 3) [counts], and refuse a fit with a larger predicted error."""
 
 
 def no_fit(status: FitStatus, *, coverage: float = 0.0) -> MagnetometerFit:

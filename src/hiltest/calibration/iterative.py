@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from hiltest.calibration.direct import fit_about
 from hiltest.calibration.fit import (
     ELLIPSOID_UNKNOWNS,
+    LARGEST_DIRECTION_ERROR_DEG,
     FitStatus,
     MagnetometerFit,
     half_range,
@@ -22,13 +23,17 @@ from hiltest.calibration.quadric import calibration_from_quadric, quadric_from_c
 SECOND_SMALLEST = 1e-6
 
 
-def fit_iterative(points_counts: ArrayLike) -> MagnetometerFit:
+def fit_iterative(
+    points_counts: ArrayLike, *, largest_error_deg: float = LARGEST_DIRECTION_ERROR_DEG
+) -> MagnetometerFit:
     """Fit the quadric of unit norm with the smallest algebraic error, and calibrate by it.
 
     Parameters
     ----------
     points_counts : shape (n, 3)
-        Raw points [counts], body frame; at least 9.
+        Raw points [counts], body frame; at least 10.
+    largest_error_deg
+        See `fit_direct`.
 
     Returns
     -------
@@ -49,7 +54,7 @@ def fit_iterative(points_counts: ArrayLike) -> MagnetometerFit:
     if not unit > 0.0:
         return no_fit(FitStatus.SINGULAR)
     anchor = mid_range(points)
-    least_squares = fit_about(points, anchor)
+    least_squares = fit_about(points, anchor, largest_error_deg=largest_error_deg)
     if not least_squares.has_fit:
         return least_squares
     x, y, z = ((points - anchor) / unit).T

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import quantile_test
 
-from hiltest.calibration import FASTER, REFERENCES
+from hiltest.calibration import BATCHES, FASTER, REFERENCES
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.calibration.sphere import fit_sphere
@@ -72,8 +73,18 @@ def measure(plan: Plan, block: Block) -> Numbers:
 def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
     points = COUNTS_PER_UT * drawn.points_ut[k]
     sphere = fit_sphere(points)
-    fits = (REFERENCES[name](points) for name in NAMES[2:])
-    return [no_fit(FitStatus.SINGULAR), sphere, *(fit if fit.has_fit else sphere for fit in fits)]
+    fits = (_estimate(name, points) for name in NAMES[2:])
+    return [no_fit(FitStatus.SINGULAR), sphere, *(fit or sphere for fit in fits)]
+
+
+def _estimate(name: str, points: Array) -> MagnetometerFit | None:
+    """Return the fit of a calibrator that refuses nothing by its predicted error; None without an ellipsoid."""
+    if name not in BATCHES:
+        fit = REFERENCES[name](points, largest_error_deg=math.inf)
+        return fit if fit.has_fit else None
+    batch = BATCHES[name](points)
+    status = FitStatus(int(batch.status))
+    return MagnetometerFit(status, False, 0, batch.soft_iron, batch.hard_iron) if batch.is_ellipsoid else None
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
