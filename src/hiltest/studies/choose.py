@@ -14,7 +14,7 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.estimators import quantile_and_interval
-from hiltest.studies.instances import Model, draw_instances
+from hiltest.studies.instances import Model, counted_fit, draw_instances
 from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
 from hiltest.text import format_number, hundredths
 
@@ -64,7 +64,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     for k in range(block.count):
         for name in board.names:
             fit, cycles = board.calibrate(name, drawn.counts(k))
-            error_deg = drawn.direction_error_deg(k, fit, model.field_ut)
+            error_deg = drawn.direction_error_deg(k, counted_fit(fit, drawn.counts(k)), model.field_ut)
             numbers += [error_deg, int(fit.status is FitStatus.ELLIPSOID), cycles]
     return numbers
 

@@ -17,7 +17,7 @@ from hiltest.measurement import Measurement, check
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
-from hiltest.studies.instances import Instances, Model, draw_instances
+from hiltest.studies.instances import Instances, Model, counted_fit, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
@@ -72,19 +72,18 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
     points = COUNTS_PER_UT * drawn.points_ut[k]
-    sphere = fit_sphere(points)
     fits = (_estimate(name, points) for name in NAMES[2:])
-    return [no_fit(FitStatus.SINGULAR), sphere, *(fit or sphere for fit in fits)]
+    return [no_fit(FitStatus.SINGULAR), fit_sphere(points), *(counted_fit(fit, points) for fit in fits)]
 
 
-def _estimate(name: str, points: Array) -> MagnetometerFit | None:
-    """Return the fit of a calibrator that refuses nothing by its predicted error; None without an ellipsoid."""
+def _estimate(name: str, points: Array) -> MagnetometerFit:
+    """Return the fit of a calibrator that refuses nothing by its predicted error."""
     if name not in BATCHES:
-        fit = REFERENCES[name](points, largest_error_deg=math.inf)
-        return fit if fit.has_fit else None
+        return REFERENCES[name](points, largest_error_deg=math.inf)
     batch = BATCHES[name](points)
-    status = FitStatus(int(batch.status))
-    return MagnetometerFit(status, False, 0, batch.soft_iron, batch.hard_iron) if batch.is_ellipsoid else None
+    if not batch.is_ellipsoid:
+        return no_fit(FitStatus.NOT_AN_ELLIPSOID)
+    return MagnetometerFit(FitStatus.ELLIPSOID, False, 0, batch.soft_iron, batch.hard_iron)
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:

@@ -17,7 +17,7 @@ from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
-from hiltest.studies.instances import Model, draw_instances
+from hiltest.studies.instances import Model, counted_fit, draw_instances
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 from hiltest.text import hundredths
 
@@ -52,14 +52,16 @@ def measure(plan: Plan, block: Block) -> Numbers:
     for k in range(block.count):
         counts = drawn.counts(k)
         for name in names():
-            if name == ABOUT_ZERO:
-                single, double = about_zero(counts), reference("direct")(counts)
-            else:
-                single, double = board.calibrate(name, counts)[0], reference(name)(counts)
+            single = about_zero(counts) if name == ABOUT_ZERO else board.calibrate(name, counts)[0]
+            double = reference("direct" if name == ABOUT_ZERO else name)(counts)
+            differs = single.status != double.status
+            if name != ABOUT_ZERO:
+                single = counted_fit(single, counts)
+            double = counted_fit(double, counts)
             numbers += [
                 *(drawn.direction_error_deg(k, fit, model.field_ut) for fit in (single, double)),
                 direction_difference_rms_deg(single, double),
-                int(single.status != double.status),
+                int(differs),
             ]
     return numbers
 
@@ -112,7 +114,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         for index, name in enumerate(names()):
             single, double, apart, differs = numbers[:, index].T
             quantiles = [float(np.quantile(errors, share)) for share in (0.5, _HIGH) for errors in (single, double)]
-            added = float(np.quantile(apart, _HIGH))
+            added = float(np.quantile(apart[differs == 0], _HIGH))
             stable = added <= _STABLE * quantiles[-1]
             rows.append((name, ratio, *quantiles, added, 100.0 * float(differs.mean()), stable))
     columns = (

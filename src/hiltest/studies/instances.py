@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
 from hiltest.calibration.fit import Array, MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_error_rms_deg, sphere_directions
+from hiltest.calibration.sphere import fit_sphere
 from hiltest.virtual.core.c_library import INSTANCES_KERNEL, SOURCES, compiled, loaded
 from hiltest.world.noise import normal_quantiles
 
@@ -98,6 +99,11 @@ class _KernelModel(ctypes.Structure):
 def cosines() -> Array:
     """Return the cosines at the middles of 65 536 parts of a turn, rounded to 2**-30."""
     return np.array([round(math.cos(2 * math.pi * (k + 0.5) / _PARTS) * _GRID) / _GRID for k in range(_PARTS)])
+
+
+def counted_fit(fit: MagnetometerFit, points: Array) -> MagnetometerFit:
+    """Return a fit whose error a study counts: the sphere of the points, shape (n, 3), if the fit was refused."""
+    return fit if fit.has_fit else fit_sphere(points)
 
 
 def draw_instances(model: Model, first: int, count: int) -> Instances:
