@@ -127,20 +127,22 @@ def magnetometers() -> Iterator[str]:
             samples = read_samples(path, columns=columns)
             stored = left_out(samples).rest.points
             error = best["direction_error_deg"]
-            centre, radius = np.array(best["hard_iron"]), best["radius"]
+            centre, radius, residual = best["hard_iron"], best["radius"], best["residual_percent"]
             scipy_s = (
-                [_triple(geometric_fit(points, centre, radius)[0]) for points in (stored, samples.points)]
-                if answer["condition"] <= 300.0
-                else ["-", "-"]
+                ["-", "-"]
+                if centre is None
+                else [
+                    _triple(geometric_fit(points, centre, radius)[0]) for points in (stored, samples.points)
+                ]
             )
             rows.append(
                 [
                     name,
                     f"{answer['n_in']}, {answer['n_in'] - len(stored)}",
                     f"{answer['verdict']}, `{best['name']}`",
-                    _triple(centre),
-                    f"{radius:.2f}",
-                    f"{best['residual_percent']:.2f}",
+                    "-" if centre is None else _triple(centre),
+                    "-" if radius is None else f"{radius:.2f}",
+                    "-" if residual is None else f"{residual:.2f}",
                     "-" if error is None else f"{error:.2f}",
                     *scipy_s,
                     log,
