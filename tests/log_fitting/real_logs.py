@@ -131,9 +131,7 @@ def magnetometers() -> Iterator[str]:
             scipy_s = (
                 ["-", "-"]
                 if centre is None
-                else [
-                    _triple(geometric_fit(points, centre, radius)[0]) for points in (stored, samples.points)
-                ]
+                else [_triple(geometric_fit(points, centre, radius)[0]) for points in (stored, samples.points)]
             )
             rows.append(
                 [

@@ -320,7 +320,7 @@ def test_turns_that_contradict_each_other_are_poor() -> None:
     assert [reason.figure for reason in fit.gyroscope.reasons] == ["left_percent"]
 
 
-@pytest.mark.parametrize(("count", "verdict"), [(9, Acceptance.POOR), (14, Acceptance.FAIR), (24, Acceptance.GOOD)])
+@pytest.mark.parametrize(("count", "verdict"), [(10, Acceptance.FAIR), (14, Acceptance.FAIR), (24, Acceptance.GOOD)])
 def test_poses_are_rated_by_how_many_are_left_over(count: int, verdict: Acceptance) -> None:
     recording = Recording()
     for up in sphere_directions(count):

@@ -29,7 +29,7 @@ def tumble(virtual_board: Board, simulated_turntable: Turntable) -> Tumble:
 
 @pytest.fixture
 def runs(virtual_board: Board, tumble: Tumble) -> dict[str, CalibratorRun]:
-    return run_calibrators(virtual_board, tumble, calibrators=["direct", "direct@60"], n=100)
+    return run_calibrators(virtual_board, tumble, calibrators=["direct", "direct@80"], n=100)
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def angles(virtual_board: Board, simulated_turntable: Turntable, runs: dict[str,
 def test_the_board_agrees_with_the_host_and_a_wrong_heading_shows(
     angles: KnownAngles, runs: dict[str, CalibratorRun], tumble: Tumble
 ) -> None:
-    assert (runs["direct@60"].calibrator, runs["direct@60"].n, runs["direct@60"].slot) == ("direct", 60, 2)
+    assert (runs["direct@80"].calibrator, runs["direct@80"].n, runs["direct@80"].slot) == ("direct", 80, 2)
     for name, run in runs.items():
         agreed = float32_error_deg(angles, run, tumble)
         # Headings come as float32: half an ulp at 250 degrees alone is 8e-6.
@@ -51,8 +51,8 @@ def test_the_board_agrees_with_the_host_and_a_wrong_heading_shows(
     moved[1] -= 0.02
     wrong = replace(angles, heading_deg=angles.heading_deg | {"direct": moved})
     assert float32_error_deg(wrong, runs["direct"], tumble) == pytest.approx(0.02, abs=0.01)
-    # Sixty points are another calibration: what the board made of one must not pass for the other.
-    swapped = replace(runs["direct"], name="direct", n=60)
+    # Eighty points are another calibration: what the board made of one must not pass for the other.
+    swapped = replace(runs["direct"], name="direct", n=80)
     difference = float32_error_deg(angles, swapped, tumble)
     assert difference is not None
     assert difference > 0.01

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hiltest.calibration import REFERENCES
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT, direction_difference_rms_deg
-from hiltest.studies.estimators import CONDITIONS, JUDGED, NAMES, Condition, conclude, measure
-from hiltest.studies.instances import Model, draw_instances
+from hiltest.studies.estimators import CONDITIONS, JUDGED, NAMES, Condition, conclude, estimate, measure
+from hiltest.studies.instances import Model, counted_fit, draw_instances
 from hiltest.studies.study import Block, Conclusion, Plan
 
 FEW = CONDITIONS.index(Condition(1.0))
@@ -22,9 +21,10 @@ def test_an_error_is_the_angle_between_calibration_and_truth() -> None:
         gain = np.linalg.inv(drawn.soft_iron[k]) / (50.0 * COUNTS_PER_UT)
         truth = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, gain, COUNTS_PER_UT * drawn.hard_iron_ut[k])
         for index, name in enumerate(NAMES[2:], start=2):
-            fit = REFERENCES[name](COUNTS_PER_UT * drawn.points_ut[k])
+            points = COUNTS_PER_UT * drawn.points_ut[k]
+            fit = estimate(name, points)
             # Both are means over directions that are spread evenly, 200 and 500 of them.
-            expected = pytest.approx(direction_difference_rms_deg(fit, truth), rel=0.05)
+            expected = pytest.approx(direction_difference_rms_deg(counted_fit(fit, points), truth), rel=0.05)
             assert result[k, index].tolist() == [expected, fit.status is FitStatus.ELLIPSOID], name
 
 

@@ -72,11 +72,11 @@ def measure(plan: Plan, block: Block) -> Numbers:
 
 def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
     points = COUNTS_PER_UT * drawn.points_ut[k]
-    fits = (_estimate(name, points) for name in NAMES[2:])
+    fits = (estimate(name, points) for name in NAMES[2:])
     return [no_fit(FitStatus.SINGULAR), fit_sphere(points), *(counted_fit(fit, points) for fit in fits)]
 
 
-def _estimate(name: str, points: Array) -> MagnetometerFit:
+def estimate(name: str, points: Array) -> MagnetometerFit:
     """Return the fit of a calibrator that refuses nothing by its predicted error."""
     if name not in BATCHES:
         return REFERENCES[name](points, largest_error_deg=math.inf)
