@@ -102,6 +102,8 @@ _ONLY_IN_CI = {
 }
 _FIXTURES_THAT_RUN = {"default_run", "pytester"}
 _PART = "HILTEST_CI_PART"
+# Files of which CI runs another share: their tests are short.
+_SHARES = {HERE / "museum/test_museum.py": 3}
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -121,8 +123,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("slow")
     if asked := os.environ.get(_PART):
         part, parts = map(int, asked.split("/"))
-        long = [item for item in items if item.get_closest_marker("ci")]
-        others = {item for index, item in enumerate(long) if index % parts != part - 1}
+        long: dict[int, list[pytest.Item]] = {}
+        for item in items:
+            if item.get_closest_marker("ci"):
+                long.setdefault(_SHARES.get(item.path, parts), []).append(item)
+        others = {
+            item
+            for share, group in long.items()
+            for index, item in enumerate(group)
+            if index % share != (part - 1) % share
+        }
         items[:] = [item for item in items if item not in others]
         config.hook.pytest_deselected(items=[*others])
 
