@@ -1,4 +1,4 @@
-"""Renew the table of docs/museum.md: ``python -m tests.museum``, three minutes."""
+"""Renew the table of docs/museum.md: ``python -m tests.museum``, two minutes."""
 
 from __future__ import annotations
 

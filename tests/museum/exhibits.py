@@ -24,7 +24,7 @@ UNCHANGED = Edit("compass/main.c", "int main(void)", "int main(void)")
 # a mounting by which the board points north at a table angle of 0, so that noise crosses 0/360.
 _CHANGES = {
     "tilts_deg = [[0, 0], [20, 0], [0, 20]]": "tilts_deg = [[0, 0], [20, 25], [-25, -15]]",
-    'kind = "text"\n': 'kind = "text"\nsettle_s = 4.0\n',
+    'kind = "text"\n': 'kind = "text"\nwindow_s = 0.5\nsettle_s = 3.0\n',
     "mounting_yaw_deg = 1.7": "mounting_yaw_deg = 0.0",
     "\nyaw_deg = 1.7": "\nyaw_deg = 0.0",
     'fit = "magnetometer_direct"\ntilt = "tilt_heading"\n': "",
