@@ -1,0 +1,152 @@
+"""Known bugs in compass firmware are named from the headings that it answers, with their size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hiltest.orientation.angles import Pose, rotation_body_from_ned
+from hiltest.verdict.heading_models import (
+    MODELS,
+    Explanation,
+    Model,
+    Poses,
+    answered_headings,
+    fit_causes,
+    models_of_run,
+)
+
+NOISE_DEG = 0.3
+ATTITUDES = [Pose(heading + 1.7, *tilt) for tilt in ((0, 0), (20, 25), (-25, -15)) for heading in range(0, 360, 30)]
+ROTATIONS = np.array([rotation_body_from_ned(attitude) for attitude in ATTITUDES])
+RIGHT = Poses(
+    field_ut=ROTATIONS @ np.array([22.8, 0.0, 42.8]),
+    gravity_g=ROTATIONS @ np.array([0.0, 0.0, 1.0]),
+    answered_deg=np.array([attitude.heading_deg for attitude in ATTITUDES]),
+    noise_deg=NOISE_DEG,
+    hard_iron_ut=np.array([5.0, -8.0, 6.0]),
+)
+SIZES = {
+    "constant offset": [10.5],
+    "hard iron": [25.0, -18.0, 16.0],
+    "soft iron": [0.1, -0.08, 0.06, 0.05, -0.04],
+    "residual rotation of the magnetometer": [3.0, -5.0, 4.0],
+    "clipped magnetometer": [0.4],
+    "accelerometer offset": [0.04, -0.05, 0.03],
+    "low-pass filter": [0.4],
+    "average of headings across 0 and 360 degrees": [0.3],
+}
+BY_NAME = {model.name: model for model in (*MODELS, *models_of_run(RIGHT))}
+
+
+def answers(seed: int, *bugs: Model) -> NDArray[np.float64]:
+    """Return the headings of a compass with bugs, each with its size or the middle one of its choices."""
+    values = [_size(bug) for bug in bugs]
+    headings = answered_headings(RIGHT, bugs, np.concatenate([np.zeros(0), *values])[:, None])[0]
+    noise = np.random.default_rng(seed).normal(0.0, NOISE_DEG, len(headings))
+    return np.asarray((headings + noise) % 360.0)
+
+
+def _size(bug: Model) -> Sequence[float]:
+    if bug.choices is not None:
+        return list(bug.choices[len(bug.choices) // 2])
+    return SIZES.get(bug.name, [0.3] * len(bug.limits))
+
+
+def explain(answered_deg: NDArray[np.float64], rows: slice = slice(None)) -> Explanation:
+    return fit_causes(
+        Poses(
+            RIGHT.field_ut[rows],
+            RIGHT.gravity_g[rows],
+            answered_deg[rows],
+            NOISE_DEG,
+            hard_iron_ut=RIGHT.hard_iron_ut,
+        )
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", BY_NAME)
+def test_every_known_bug_is_named_by_its_headings(name: str, seed: int) -> None:
+    bug = BY_NAME[name]
+    explanation = explain(answers(seed, bug))
+    (cause,) = explanation.causes
+    assert any(words.partition(" (")[0] == name for words in cause.names), explanation.words
+    assert bug.place in cause.places
+    assert explanation.is_noise
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_right_compass_has_no_cause(seed: int) -> None:
+    explanation = explain(answers(seed))
+    assert explanation.causes == ()
+    assert explanation.is_noise
+
+
+@pytest.mark.parametrize(
+    ("bugs", "words"),
+    [
+        (
+            ("sign of pitch", "constant offset"),
+            "sign of pitch or axes of the accelerometer (x, y and z are -x, y and z)",
+        ),
+        (("no tilt compensation", "headings counted counterclockwise"), "no tilt compensation"),
+        (("hard iron", "constant offset"), "hard iron (3"),
+        (("accelerometer offset", "constant offset"), "constant offset (+10.5"),
+    ],
+)
+def test_two_bugs_are_named_in_the_order_of_their_errors(bugs: tuple[str, str], words: str) -> None:
+    explanation = explain(answers(1, *(BY_NAME[name] for name in bugs)))
+    assert len(explanation.causes) == 2
+    first, second = explanation.causes
+    assert first.explains_deg >= second.explains_deg
+    assert any(words in cause.words for cause in explanation.causes), explanation.words
+    assert all(any(name in cause.words for cause in explanation.causes) for name in bugs), explanation.words
+    assert explanation.is_noise
+
+
+@pytest.mark.parametrize(
+    ("places", "shift", "words"),
+    [
+        (
+            [4, 15, 29],
+            "pose before",
+            "poses at which the board was not turned or stale samples (poses 5, 16, 30 of 36)",
+        ),
+        ([4, 15, 29], "random", "single corrupt headings (poses 5, 16, 30 of 36)"),
+        ([0, 12, 24], "half a turn", "an average of headings across 0 and 360 degrees (poses 1, 13, 25 of 36)"),
+    ],
+)
+def test_a_few_wrong_poses_are_exceptions_and_no_bug_of_all_poses(places: list[int], shift: str, words: str) -> None:
+    answered = answers(1)
+    replaced = {"pose before": np.roll(answered, 1), "random": answered * 7.3 + 50.0, "half a turn": answered + 180.0}
+    answered[places] = replaced[shift][places] % 360.0
+    assert explain(answered).words == words
+
+
+def test_a_remainder_is_described() -> None:
+    right, tilt_deg = answers(1), np.array([abs(attitude.roll_deg) for attitude in ATTITUDES])
+    answered = (right + 20.0 + 0.02 * tilt_deg**2 * np.random.default_rng(4).choice([-1.0, 1.0], 36)) % 360.0
+    explanation = explain(answered)
+    assert explanation.causes
+    assert not explanation.is_noise
+    assert "level poses are right and the error grows with" in explanation.words
+
+
+def test_level_poses_alone_give_every_bug_that_they_cannot_distinguish() -> None:
+    (cause,) = explain(answers(1, BY_NAME["headings counted counterclockwise"]), slice(0, 12)).causes
+    assert cause.names[0] == "headings counted counterclockwise"
+    assert any("axes of the magnetometer (x, y and z are x, -y" in name for name in cause.names)
+    assert explain(answers(1, BY_NAME["sign of pitch"]), slice(0, 12)).causes == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_headings_with_more_noise_or_without_any_relation_to_the_board_get_no_bug(seed: int) -> None:
+    noise = np.random.default_rng(seed)
+    noisy, random = (answers(seed) + noise.normal(0.0, 0.8, 36)) % 360.0, noise.uniform(0.0, 360.0, 36)
+    for explanation in (explain(noisy), explain(random)):
+        assert explanation.causes == ()
+        assert not explanation.is_noise
