@@ -115,8 +115,9 @@ def test_heading_at_known_angles(
         measure(f"heading.{source}.worst_sector", errors.worst_sector.start_deg, "deg")
         measure(f"heading.{source}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
     measure.table(*table_of_poses(known_angles))
+    measure.table(*table_of_true_vectors(known_angles, rig))
     if isinstance(known_angles, RequestedAngles):
-        record_evidence(known_angles, rig, measure)
+        record_evidence(known_angles, measure)
         tumble, calibrations = request.getfixturevalue("tumble"), request.getfixturevalue("calibrations")
     else:
         tumble = calibrations = None
@@ -125,6 +126,8 @@ def test_heading_at_known_angles(
     measure.table(*table_of_expected_errors(bounds))
     if isinstance(known_angles, ReportedAngles):
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
+        iron_ut = known_angles.belief.hard_iron_ut
+        measure.table("heading.hard_iron", dict.fromkeys("xyz", "uT"), [] if iron_ut is None else [iron_ut.tolist()])
     in_use = (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER) if board.answers_requests else ()
     registers = record_settings("known_angles", *map(board.sensor, in_use))
     not_offered = "" if registers else "this board does not show the registers of its sensors"
@@ -173,22 +176,22 @@ def table_of_expected_errors(bounds: dict[str, HeadingBound]) -> tuple[str, dict
     return "heading.expected", {"source": "", **dict.fromkeys(numbers, "deg")}, rows
 
 
-def record_evidence(known_angles: RequestedAngles, rig: Rig, measure: Measure) -> None:
-    """Record the tables from which the causes of a wrong heading are determined."""
+def table_of_true_vectors(known_angles: KnownAngles, rig: Rig) -> tuple[str, dict[str, str], list[list[float]]]:
+    """Return the table of true field and gravity in the board's axes: name, units of the columns, and rows."""
+    field = EarthField(rig.field.strength_ut, rig.field.dip_deg)
+    vectors = known_angles.rotate_to_body(field.ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
+    units = {"field": "uT", "gravity": "g"}
+    columns = {f"{vector}_{axis}": unit for vector, unit in units.items() for axis in "xyz"}
+    return "heading.known", columns, np.hstack(vectors).tolist()
+
+
+def record_evidence(known_angles: RequestedAngles, measure: Measure) -> None:
+    """Record readings and calibrations, from which the causes of a wrong heading are determined."""
     # Another firmware's headings can be computed from the same readings, so that noise does not differ.
     measure.table(
         "heading.means",
         {f"{sensor}_{axis}": "count" for sensor in ("magnetometer", "accelerometer") for axis in "xyz"},
         np.hstack([known_angles.magnetometer, known_angles.accelerometer]).tolist(),
-    )
-    # True field and gravity at each pose, and the calibrations that the board applied.
-    field = EarthField(rig.field.strength_ut, rig.field.dip_deg)
-    true_vectors = known_angles.rotate_to_body(field.ned_ut), known_angles.rotate_to_body((0.0, 0.0, 1.0))
-    units = {"field": "uT", "gravity": "g"}
-    measure.table(
-        "heading.known",
-        {f"{vector}_{axis}": unit for vector, unit in units.items() for axis in "xyz"},
-        np.hstack(true_vectors).tolist(),
     )
     measure.table(
         "heading.calibrations",

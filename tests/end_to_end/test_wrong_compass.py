@@ -29,13 +29,13 @@ FITTED = "        background->iron = iron;\n"
             Edit("compass/main.c", SAID, f"    state.heading_deg = 360.0f - state.heading_deg;\n{SAID}"),
             "level",
             "heading.firmware.max",
-            "if they grow counterclockwise from north: write heading =",
+            "headings counted the other way; calibration right",
         ),
         (
             Edit("compass/background.c", FITTED, f"{FITTED}        background->iron.soft_iron[0] *= 1.1f;\n"),
             "level",
             "heading.firmware.max",
-            "its own calibration (its calibration alone errs by",
+            "scale of the magnetometer's x axis (factor 1.1",
         ),
         # Of the first points, which are of less than half of the sphere: 0.69, 1.16, 1.92 and 1.21 degrees of the noise
         # of seeds 1 to 4, beside 0.37 to 0.63. One run does not see the first.
@@ -43,7 +43,7 @@ FITTED = "        background->iron = iron;\n"
             Edit("compass/background.c", POOR, f"    if (background->iron.error_percent < 100.0f || {POOR[8:]}"),
             "all --seed 3",
             "heading.firmware.max",
-            "its own calibration",
+            "its calibration alone errs by",
         ),
         (
             Edit("compass/main.c", SAID, f"    state.pitch_deg = -state.pitch_deg;\n{SAID}"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable
 
 import numpy as np
@@ -10,36 +9,11 @@ import pytest
 
 from hiltest.interfaces.frames import FRAMES
 from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_360
-from hiltest.procedures.conventions import Vectors, other_frame, other_tilt, other_way, standing_still
+from hiltest.procedures.conventions import Vectors, other_frame, other_tilt, standing_still
 
 REFERENCE = [heading + 1.7 for heading in range(0, 360, 30)]
 EARTH_FIELD_UT = [22.8, 0.0, 42.8]
 TILTS = [(0.0, 0.0), (20.0, 0.0), (0.0, 20.0)]
-
-
-@pytest.mark.parametrize(
-    ("answer", "words"),
-    [
-        (lambda true: -true, 'counterclockwise from north: write heading = "counterclockwise" under'),
-        (lambda true: 90.0 - true + 1.5, "counterclockwise from east"),
-        (lambda true: true, ""),
-        (lambda true: true - 90.0, ""),  # a constant offset
-        (lambda true: true + 8.0, ""),
-        (lambda true: 45.0, ""),
-        (lambda true: random.Random(true).uniform(0.0, 360.0), ""),
-    ],
-)
-def test_headings_that_grow_the_other_way_are_named(answer: Callable[[float], float], words: str) -> None:
-    answered = [wrap_360(answer(figure)) for figure in REFERENCE]
-    result = other_way(answered, REFERENCE, FRAMES["ned"])
-    assert words in result
-    assert bool(result) is bool(words)
-
-
-def test_the_way_is_named_as_the_firmware_has_it() -> None:
-    declared = FRAMES["enu"]
-    answered = [declared.heading_deg(figure) for figure in REFERENCE]
-    assert "grow clockwise from north" in other_way(answered, REFERENCE, declared)
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
 
+import numpy as np
 import pytest
 
 from hiltest.measurement import Limit, Measurement, check
+from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_360
 from hiltest.run_record.run import Column, Findings, Table
 from hiltest.verdict.calibrators import calibrator_results
 from hiltest.verdict.causes import Cause
-from hiltest.verdict.diagnosis import diagnose_run
+from hiltest.verdict.diagnosis import NOTHING, Diagnosis, diagnose_run
 from hiltest.verdict.reported_headings import costs_in_words, next_step
 from hiltest.verdict.summary import summarise
+
+Tables: TypeAlias = Mapping[str, Table]
 
 LIMITS = {"heading.firmware.max": 2.0, "heading.ecompass.max": 5.0, "heading.calibrated.max": 5.0}
 
@@ -36,11 +42,37 @@ def contradictions(**message: str) -> dict[str, Table]:
     return {name: Table(name, (Column("of"), Column("said")), tuple(message.items()))}
 
 
-def cause(of: str = "firmware", said: dict[str, str] | None = None, **values: float) -> tuple[Cause, str]:
+def answers(error: Callable[[float], float], hard_iron_ut: Sequence[float] = (), *, has_vectors: bool = True) -> Tables:
+    """Return the tables of level poses and poses with 20 degrees of roll, at which the heading has an error."""
+    poses = [Pose(heading, 0.0, roll) for roll in (0.0, 20.0) for heading in np.arange(1.7, 360.0, 30.0).tolist()]
+    rotations = np.array([rotation_body_from_ned(pose) for pose in poses])
+    vectors = np.hstack([rotations @ np.array([22.8, 0.0, 42.8]), rotations @ np.array([0.0, 0.0, 1.0])])
+    rows = [(pose.heading_deg, wrap_360(pose.heading_deg + error(pose.heading_deg))) for pose in poses]
+    columns = [f"{vector}_{axis}" for vector in ("field", "gravity") for axis in "xyz"]
+    return {
+        "heading.poses": _table("heading.poses", ("reference", "answered.firmware"), rows),
+        "heading.hard_iron": _table("heading.hard_iron", "xyz", [hard_iron_ut] if hard_iron_ut else []),
+    } | ({"heading.known": _table("heading.known", columns, vectors.tolist())} if has_vectors else {})
+
+
+def _table(name: str, columns: Sequence[str], rows: Sequence[Sequence[float]]) -> Table:
+    return Table(name, tuple(map(Column, columns)), tuple(map(tuple, rows)))
+
+
+def diagnosis(
+    of: str = "firmware", said: dict[str, str] | None = None, tables: Tables | None = None, **values: float
+) -> Diagnosis:
     measurements = measured(**values)
     names = [measurement.name.split(".")[1] for measurement in measurements if measurement.name.endswith(".max")]
-    result = diagnose_run(names, measurements, contradictions(**(said or {})), is_broken=False)
-    return (result[of].cause, result[of].words) if of in result else (Cause.NONE, "")
+    result = diagnose_run(names, measurements, contradictions(**(said or {})) | dict(tables or {}), is_broken=False)
+    return result.get(of, NOTHING)
+
+
+def cause(
+    of: str = "firmware", said: dict[str, str] | None = None, tables: Tables | None = None, **values: float
+) -> tuple[Cause, str]:
+    result = diagnosis(of, said, tables, **values)
+    return result.cause, result.words
 
 
 def test_a_filter_that_lags_behind_a_right_calibration() -> None:
@@ -82,18 +114,48 @@ def test_a_calibration_that_is_wrong_itself() -> None:
     assert "hard iron wrong by 2.50 uT" in words
 
 
+@pytest.mark.parametrize("has_vectors", [True, False])
 @pytest.mark.parametrize(
-    ("others", "words"),
+    ("others", "details"),
     [
-        ({"heading__calibrated__max": 8.7, "heading__ecompass__max": 8.7}, "constant offset (-8.30 deg)"),
-        ({"heading__calibrated__max": 0.4}, "constant offset (-8.30 deg, calibration right (0.40 deg))"),
+        ({}, ""),
+        ({"heading__calibrated__max": 8.7}, "; its calibration alone errs by 8.70 deg"),
+        ({"heading__calibrated__max": 0.4}, "; calibration right (0.40 deg)"),
     ],
 )
-def test_an_error_that_is_the_same_everywhere_is_no_matter_of_calibration(others: dict[str, float], words: str) -> None:
-    result, answer = cause(
-        heading__firmware__max=8.7, heading__firmware__bias=-8.3, heading__firmware__max_centred=0.4, **others
-    )
-    assert (result, answer) == (Cause.CONSTANT_OFFSET, words)
+def test_an_error_that_is_the_same_everywhere_is_an_offset(
+    others: dict[str, float], details: str, has_vectors: bool
+) -> None:
+    tables = answers(lambda heading: -8.3, has_vectors=has_vectors)
+    result = diagnosis(tables=tables, heading__firmware__max=8.7, **others)
+    assert (result.cause, result.words) == (Cause.KNOWN_BUG, f"constant offset (-8.30 deg){details}")
+    assert "declination" in result.advice
+
+
+def test_headings_from_a_right_field_have_no_bug_of_the_field() -> None:
+    tables = answers(lambda heading: 2.5 if heading > 180.0 else 0.0)
+    assert cause(tables=tables, heading__firmware__max=2.5, heading__calibrated__max=0.4)[0] is Cause.FILTER
+
+
+def test_the_hard_iron_that_the_firmware_reports_shows_how_often_it_was_subtracted() -> None:
+    iron_ut = (2.4, -2.2, 4.0)
+
+    def error(heading_deg: float) -> float:
+        turn = np.radians(heading_deg)
+        x, y = 22.8 * np.cos(turn) - iron_ut[0], -22.8 * np.sin(turn) - iron_ut[1]
+        return float(np.degrees(np.arctan2(-y, x))) - heading_deg
+
+    tables = answers(error, iron_ut)
+    level = {name: replace(table, rows=table.rows[:12]) for name, table in tables.items()}
+    words = cause(tables=level, heading__firmware__max=9.0)[1]
+    assert words.startswith("hard iron subtracted twice")
+
+
+def test_a_filter_that_may_lag_hides_further_bugs() -> None:
+    values = {"heading__firmware__max": 8.7, "heading__calibrated__max": 0.4}
+    tables = answers(lambda heading: -8.3)
+    assert cause(tables=tables, device__unsettled=3.0, **values)[0] is Cause.NOT_SETTLED
+    assert cause(tables=tables, gyroscope__firmware__bias_error=1.4, **values)[0] is Cause.FILTER
 
 
 def test_a_convention_that_is_declared_wrong_is_named() -> None:

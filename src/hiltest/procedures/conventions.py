@@ -15,33 +15,10 @@ from hiltest.orientation.angles import circular_mean_deg, heading_error_deg, wra
 
 RIGHT_WITHIN_DEG = 10.0
 """A wrong convention moves angles by tens of degrees; the right one leaves at most this error."""
-_QUARTERS_DEG = {0.0: "north", 90.0: "east", 180.0: "south", 270.0: "west"}
 # Headings that cover less than this part of the board's arc do not follow the board.
 _COVERED = 0.5
 Vectors: TypeAlias = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Gravity [g] and field [uT], in hiltest's axes by the declared frame."""
-
-
-def other_way(answered_deg: Sequence[float], reference_deg: Sequence[float], declared: Frame) -> str:
-    """Return the direction in which headings increase if they are right with it and wrong as declared; empty otherwise.
-
-    Parameters
-    ----------
-    answered_deg
-        Headings of the firmware, by the declared frame.
-    reference_deg
-        Headings of the board.
-    """
-    if _largest_error(answered_deg, reference_deg) <= RIGHT_WITHIN_DEG:
-        return ""
-    left_deg, zero_deg = min(
-        (_largest_error_reversed(answered_deg, reference_deg, zero), zero) for zero in _QUARTERS_DEG
-    )
-    if left_deg > RIGHT_WITHIN_DEG:
-        return ""
-    way = "counterclockwise" if declared.clockwise else "clockwise"
-    key = f': write heading = "{way}" under [device]' if zero_deg == 0.0 else ""
-    return f"headings are right, within {left_deg:.1f} deg, if they grow {way} from {_QUARTERS_DEG[zero_deg]}{key}"
 
 
 def standing_still(answered_deg: Sequence[float], reference_deg: Sequence[float]) -> str:
@@ -113,11 +90,6 @@ def _largest_error_in_frame(
     except DegenerateFieldError:
         return 180.0
     return _largest_error(headings, reference_deg)
-
-
-def _largest_error_reversed(answered_deg: Sequence[float], reference_deg: Sequence[float], zero_deg: float) -> float:
-    """Return the largest error of headings that increase in the other direction from `zero_deg`."""
-    return _largest_error([zero_deg - angle_deg for angle_deg in answered_deg], reference_deg)
 
 
 def _largest_error(answered_deg: Iterable[float], reference_deg: Iterable[float]) -> float:

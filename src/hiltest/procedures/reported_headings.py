@@ -16,7 +16,7 @@ from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.interfaces.quantities import Moment, Observation, Quantity, values_of
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180
-from hiltest.procedures.conventions import other_frame, other_tilt, other_way, standing_still
+from hiltest.procedures.conventions import other_frame, other_tilt, standing_still
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, Readings, moved
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
@@ -103,8 +103,8 @@ class ReportedAngles(KnownAngles):
     """Largest error of the firmware's pitch and roll; None if it does not report them, or in another frame than NED,
     whose pitch and roll are other angles."""
     contradictions: Mapping[str, str]
-    """Descriptions of conventions under which values that are far off by the declared one are right, for ``heading``,
-    ``vectors`` and ``tilt``; and of a heading that stands ``still``."""
+    """Descriptions of conventions under which values that are far off by the declared one are right, for ``vectors``
+    and ``tilt``; and of a heading that stands ``still``."""
 
     def under(self, fit: MagnetometerFit) -> HeadingSummary | None:
         """Return the statistics of another calibration of the same readings; None if they are unknown."""
@@ -395,7 +395,6 @@ def _contradictions(
     vectors = [(pose.gravity_g, pose.field_ut) for pose in held]
     complete = [(gravity, field) for gravity, field in vectors if gravity is not None and field is not None]
     reasons = {
-        "heading": other_way(answered_deg, reference_deg, frame),
         "still": standing_still(answered_deg, reference_deg),
         "vectors": other_frame(complete, reference_deg, rig.device.frame, frame) if len(complete) == len(held) else "",
         "tilt": other_tilt(*zip(*tilts, strict=True)) if tilts else "",

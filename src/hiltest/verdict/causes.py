@@ -39,6 +39,7 @@ class Cause(StrEnum):
     NOT_SETTLED = "filter not settled"
     FILTER = "its filter"
     OWN_CALIBRATION = "its own calibration"
+    KNOWN_BUG = "known bug"
 
 
 ADVICE = {
@@ -62,7 +63,7 @@ ADVICE = {
     Cause.FILTER: "Compare the heading with that of the calibrated vectors: the difference comes from the filter.",
     Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or check its fit.",
 }
-"""The next step for each cause."""
+"""The next step for each cause; that of a known bug depends on the bug."""
 
 OF_SOURCE = {
     Source.CONSTANT_TURN: Cause.CONSTANT_OFFSET,

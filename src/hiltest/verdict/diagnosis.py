@@ -13,7 +13,7 @@ from hiltest.calibration.sensor_axes import SensorAxes
 from hiltest.measurement import Measurement, Outcome
 from hiltest.run_record.run import Table
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
-from hiltest.verdict.causes import GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
+from hiltest.verdict.causes import ADVICE, GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence
 from hiltest.verdict.reported_headings import CALIBRATED, ECOMPASS, FIRMWARE, diagnose_firmware, diagnose_parts
 
@@ -28,10 +28,11 @@ _OF_THE_FIT = (Cause.POOR_COVERAGE, Cause.GOOD_FIT_BAD_HEADING, Cause.BAD_FIT)
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Likely cause, and its description; empty without a cause."""
+    """Likely cause, its description, and the next step; both texts are empty without a cause."""
 
     cause: Cause
     words: str
+    advice: str = ""
 
 
 NOTHING = Diagnosis(Cause.NONE, "")
@@ -60,13 +61,29 @@ def diagnose_run(
     axes = None if evidence is None else evidence.axes()
     causes = {name: diagnose(name, by_name, evidence, axes) for name in names}
     if own := [name for name in (FIRMWARE, ECOMPASS, CALIBRATED) if _is_off(name, by_name)]:
-        cause, details = diagnose_firmware(by_name, tables) if FIRMWARE in own else diagnose_parts(tables)
-        causes |= dict.fromkeys(own, Diagnosis(cause, _append_details(cause, details)))
+        causes |= dict.fromkeys(own, _diagnose_reported(by_name, tables, is_heading=FIRMWARE in own))
     if axes is not None and is_broken and not any(diagnosis.cause is Cause.AXES for diagnosis in causes.values()):
         mirrored = value_of(by_name.get("fit.dpi.status")) == FitStatus.MIRRORED
         words = str(axes) or (_REFUSED if mirrored and axes.are_as_declared else "")
         causes[""] = Diagnosis(Cause.AXES, words) if words else NOTHING
-    return {name: diagnosis for name, diagnosis in causes.items() if diagnosis.cause is not Cause.NONE}
+    return {
+        name: diagnosis if diagnosis.advice else replace(diagnosis, advice=ADVICE[diagnosis.cause])
+        for name, diagnosis in causes.items()
+        if diagnosis.cause is not Cause.NONE
+    }
+
+
+def _diagnose_reported(
+    measurements: Mapping[str, Measurement], tables: Mapping[str, Table], *, is_heading: bool
+) -> Diagnosis:
+    """Return the likely cause if values that firmware reports by itself are wrong: its heading, or only its vectors."""
+    if not is_heading:
+        cause, details = diagnose_parts(tables)
+        return Diagnosis(cause, _append_details(cause, details))
+    cause, details, bugs = diagnose_firmware(measurements, tables)
+    if bugs is None:
+        return Diagnosis(cause, _append_details(cause, details))
+    return Diagnosis(cause, "; ".join([bugs.words, *details]), f"Check {bugs.places}.")
 
 
 @dataclass(frozen=True, slots=True)

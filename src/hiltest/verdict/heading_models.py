@@ -31,7 +31,7 @@ _MOST_REMAINS = 0.5  # largest share of the rms error that a partial explanation
 _SAME = 0.5  # largest difference between equal answers, as a multiple of the noise
 _WIDE_DEG = 10.0  # noise while a fit approaches: errors are large at first
 _APPROACH = ((20.0, 3), (5.0, 3), (1.0, 2), (0.0, 9))  # noise [deg], 0 for that of the poses, and steps
-_CONVERGED = 0.05
+_CONVERGED = 1e-4
 _WIDE = (_WIDE_DEG, 3.0)
 _SAMPLES, _STARTS = 200, 3
 _STEP = 1e-5
@@ -133,6 +133,11 @@ class Explanation:
         if not words or self.is_noise:
             return words
         return f"{words}; this explains only a part: {self.remainder_deg:.2g} deg remain, {self.pattern}"
+
+    @property
+    def places(self) -> str:
+        """Parts of the firmware to check."""
+        return "; ".join(dict.fromkeys(place for cause in self.causes for place in cause.places[:_NAMED_AT_MOST]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -619,7 +624,7 @@ def _axes_choices() -> Array:
 _FIELD = "conversion and order of the magnetometer's axes in its driver, beside the data sheet"
 _GRAVITY = "conversion and order of the accelerometer's axes in its driver, beside the data sheet"
 _TILT = "pitch and roll from gravity, and the formula that turns the field back by them"
-_ATAN2 = "the last step of the heading: order and signs of the arguments of atan2"
+_ATAN2 = "order and signs of the arguments of atan2, or frame and heading under [device] in the rig"
 _OUTPUT = "the step from the heading to the answer: unit, type and rounding"
 _IRON = "the line that applies the calibration: (read - hard iron), once, multiplied by the soft iron from the left"
 MODELS: tuple[Model, ...] = (
@@ -631,10 +636,10 @@ MODELS: tuple[Model, ...] = (
         limits=((-180.0, 180.0),),
         size=_turned_words,
     ),
-    Model("headings counted counterclockwise", Stage.HEADING, _ATAN2, _reversed, choices=np.array([[0.0]])),
+    Model("headings counted the other way", Stage.HEADING, _ATAN2, _reversed, choices=np.array([[0.0]])),
     *(
         Model(
-            f"headings counted counterclockwise from {side}",
+            f"headings counted the other way from {side}",
             Stage.HEADING,
             _ATAN2,
             _reversed,

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from hiltest.measurement import KINDS, Measurement
 from hiltest.run_record.run import Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
+from hiltest.verdict.heading_models import Explanation, Poses, Stage, fit_causes
 
 #: Subjects of such firmware's headings: its own, and those from its calibrated vectors and its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
@@ -22,20 +24,27 @@ _OTHER_TILT = (
 )
 
 
-def diagnose_firmware(measurements: Mapping[str, Measurement], tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:
-    """Return the likely cause if the firmware's own heading is out of its limit, and the evidence for it.
+# A limit is far enough from the errors of right firmware: their rms is at most about a quarter of it.
+_NOISE_OF_LIMIT = 0.25
+_USUAL_LIMIT_DEG = 2.0
+
+
+def diagnose_firmware(
+    measurements: Mapping[str, Measurement], tables: Mapping[str, Table]
+) -> tuple[Cause, list[str], Explanation | None]:
+    """Return the likely cause if the firmware's own heading is out of its limit, the evidence, and the known bugs.
 
     Parameters
     ----------
     measurements
         All measurements of the run.
     tables
-        Tables with the conventions that the procedure detected.
+        Tables with headings, true vectors, and the conventions that the procedure detected.
     """
     limit_deg = maximum_of(measurements.get(f"heading.{FIRMWARE}.max"))
     contradictions = _contradictions(tables)
     if still := contradictions.get("still"):
-        return Cause.STILL, [still]
+        return Cause.STILL, [still], None
     right = [
         source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
     ]
@@ -43,19 +52,20 @@ def diagnose_firmware(measurements: Mapping[str, Measurement], tables: Mapping[s
     bias_dps = value_of(measurements.get("gyroscope.firmware.bias_error"))
     unsettled = value_of(measurements.get("device.unsettled")) or 0.0
     details = [f"calibration right ({errors[right[0]]:.2f} deg)"] if right else []
-    mean_deg = value_of(measurements.get(f"heading.{FIRMWARE}.bias")) or 0.0
-    centred = measurements.get(f"heading.{FIRMWARE}.max_centred")
-    is_constant = "heading" not in contradictions and _is_within(centred, min(abs(mean_deg), limit_deg or math.inf))
-    if is_constant and not unsettled and bias_dps is None:  # either would make a filter lag
-        return Cause.CONSTANT_OFFSET, [f"{mean_deg:+.2f} deg", *details]
     if frame := contradictions.get("vectors") or contradictions.get("heading"):  # another frame may explain both
-        return Cause.FRAME, [frame]
+        return Cause.FRAME, [frame], None
+    bugs = None
+    if not (right and (unsettled or bias_dps is not None)):  # either would make a filter lag
+        poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG, is_field_right=bool(right))
+        bugs = fit_causes(poses) if poses else None
     if right:
+        if bugs and bugs.causes:
+            return Cause.KNOWN_BUG, details, bugs
         if unsettled:
             details.append(f"not settled at {unsettled:.0f} known angles")
         if bias_dps is not None:
             details.append(f"gyroscope offset wrong by {bias_dps:.2f} dps")
-        return (Cause.NOT_SETTLED if unsettled else Cause.FILTER), details
+        return (Cause.NOT_SETTLED if unsettled else Cause.FILTER), details, None
     offset_ut = value_of(measurements.get("fit.firmware.offset_error"))
     rotation_deg = value_of(measurements.get("fit.firmware.rotation_left"))
     details = [f"its calibration alone errs by {errors[CALIBRATED]:.2f} deg"] if errors[CALIBRATED] is not None else []
@@ -63,7 +73,34 @@ def diagnose_firmware(measurements: Mapping[str, Measurement], tables: Mapping[s
         details.append(f"hard iron wrong by {offset_ut:.2f} uT")
     if rotation_deg is not None:
         details.append(f"residual rotation {rotation_deg:.2f} deg")
-    return (Cause.OWN_CALIBRATION if details else Cause.NONE), details
+    if bugs and bugs.causes:
+        return Cause.KNOWN_BUG, details, bugs
+    return (Cause.OWN_CALIBRATION if details else Cause.NONE), details, None
+
+
+def _read_poses(tables: Mapping[str, Table], limit_deg: float, *, is_field_right: bool) -> Poses | None:
+    """Return the firmware's headings and the true vectors; records without vectors show bugs of the last stages."""
+    headings, vectors = tables.get("heading.poses"), tables.get("heading.known")
+    answered = None if headings is None else headings.column_if_any(f"answered.{FIRMWARE}")
+    if headings is None or not answered or None in answered:
+        return None
+    stages = (Stage.FORMULA, Stage.HEADING, Stage.SEQUENCE) if is_field_right else tuple(Stage)
+    if vectors is not None and len(vectors.rows) == len(answered):
+        field, gravity = np.hsplit(np.array(vectors.rows, dtype=np.float64), 2)
+    else:
+        stages = (Stage.HEADING, Stage.SEQUENCE)
+        angle = np.radians(np.array(headings.column("reference"), dtype=np.float64))
+        field = np.column_stack([np.cos(angle), -np.sin(angle), np.zeros_like(angle)])
+        gravity = np.tile([0.0, 0.0, 1.0], (len(angle), 1))
+    iron = tables.get("heading.hard_iron")
+    return Poses(
+        field,
+        gravity,
+        np.array(answered, dtype=np.float64),
+        _NOISE_OF_LIMIT * limit_deg,
+        stages,
+        None if iron is None or not iron.rows else np.array(iron.rows[0], dtype=np.float64),
+    )
 
 
 def diagnose_parts(tables: Mapping[str, Table]) -> tuple[Cause, list[str]]:

@@ -20,7 +20,6 @@ from hiltest.run_record.failures import failed_otherwise, out_of_limit
 from hiltest.run_record.run import Findings, Run, TestResult
 from hiltest.text import format_count, format_number, hundredths, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, heading_as_read, value_of
-from hiltest.verdict.causes import ADVICE
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 from hiltest.verdict.reported_headings import FIRMWARE, next_step
 from hiltest.verdict.wording import entry
@@ -124,7 +123,7 @@ def summarise(run: Run | Findings) -> Summary:
         advice=tuple(
             dict.fromkeys(
                 (
-                    *(ADVICE[cause.cause] for cause in causes.values()),
+                    *(cause.advice for cause in causes.values()),
                     *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
                     *([_OF_DOUBT] if near else []),
                     *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
