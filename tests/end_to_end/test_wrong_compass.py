@@ -35,7 +35,7 @@ FITTED = "        background->iron = iron;\n"
             Edit("compass/background.c", FITTED, f"{FITTED}        background->iron.soft_iron[0] *= 1.1f;\n"),
             "level",
             "heading.firmware.max",
-            "scale of the magnetometer's x axis (factor 1.1",
+            "scale of the x axis of the magnetometer (+",
         ),
         # Of the first points, which are of less than half of the sphere: 0.69, 1.16, 1.92 and 1.21 degrees of the noise
         # of seeds 1 to 4, beside 0.37 to 0.63. One run does not see the first.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -33,9 +33,9 @@ SIZES = {
     "constant offset": [10.5],
     "hard iron": [25.0, -18.0, 16.0],
     "soft iron": [0.1, -0.08, 0.06, 0.05, -0.04],
-    "residual rotation of the magnetometer": [3.0, -5.0, 4.0],
+    "residual rotation": [3.0, -5.0, 4.0],
     "clipped magnetometer": [0.4],
-    "accelerometer offset": [0.04, -0.05, 0.03],
+    "accelerometer offset": [40.0, -50.0, 30.0],
     "low-pass filter": [0.4],
     "average of headings across 0 and 360 degrees": [0.3],
 }
@@ -94,7 +94,7 @@ def test_a_right_compass_has_no_cause(seed: int) -> None:
             "sign of pitch or axes of the accelerometer (x, y and z are -x, y and z)",
         ),
         (("no tilt compensation", "headings counted the other way"), "no tilt compensation"),
-        (("hard iron", "constant offset"), "hard iron (3"),
+        (("hard iron", "constant offset"), "hard iron (x +2"),
         (("accelerometer offset", "constant offset"), "constant offset (+10.5"),
     ],
 )
@@ -127,13 +127,20 @@ def test_a_few_wrong_poses_are_exceptions_and_no_bug_of_all_poses(places: list[i
     assert explain(answered).words == words
 
 
-def test_a_remainder_is_described() -> None:
-    right, tilt_deg = answers(1), np.array([abs(attitude.roll_deg) for attitude in ATTITUDES])
-    answered = (right + 20.0 + 0.02 * tilt_deg**2 * np.random.default_rng(4).choice([-1.0, 1.0], 36)) % 360.0
-    explanation = explain(answered)
-    assert explanation.causes
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (lambda pose, sign: sign * (pose.roll_deg > 20.0) * 8.0, "level poses are right and the error grows with tilt"),
+        (lambda pose, sign: sign * 4.0, "without a pattern in heading or tilt"),
+    ],
+)
+def test_a_remainder_is_described(error: Callable[[Pose, float], float], words: str) -> None:
+    signs = np.random.default_rng(4).choice([-1.0, 1.0], len(ATTITUDES))
+    errors = [error(attitude, sign) for attitude, sign in zip(ATTITUDES, signs, strict=True)]
+    explanation = explain((answers(1, BY_NAME["constant offset"]) + errors) % 360.0)
     assert not explanation.is_noise
-    assert "level poses are right and the error grows with" in explanation.words
+    assert words in explanation.pattern
+    assert [words in explanation.words for _ in explanation.causes[:1]] == [True]
 
 
 def test_level_poses_alone_give_every_bug_that_they_cannot_distinguish() -> None:

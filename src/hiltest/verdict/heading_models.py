@@ -8,7 +8,7 @@ of parameters and n poses; parameters have the shape (p, k, 1). A parameter of 0
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 from itertools import combinations, permutations, product
@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 
 MOST_CAUSES = 3
-LEAST_GAIN = 10.0
-"""Decrease of the criterion that a further cause, or a larger model than another one, must achieve."""
+LEAST_GAIN = 10.0  # decrease of the criterion that a further cause, or a larger model than another one, must achieve
 _OUTLIERS = 0.05  # prior share of poses that no model explains
 _MOST_ISOLATED = 0.2  # share of poses above which unexplained ones are no exceptions
 _LARGEST_NOISE = 1.5  # rms of a remainder that counts as noise, as a multiple of the noise
@@ -32,7 +31,8 @@ _SAME = 0.5  # largest difference between equal answers, as a multiple of the no
 _WIDE_DEG = 10.0  # noise while a fit approaches: errors are large at first
 _APPROACH = ((20.0, 3), (5.0, 3), (1.0, 2), (0.0, 9))  # noise [deg], 0 for that of the poses, and steps
 _CONVERGED = 1e-4
-_WIDE = (_WIDE_DEG, 3.0)
+_NEAR_NORTH_DEG = 5.0
+_PLACE_OF_AVERAGE = "the average or filter of headings: average their sines and cosines"
 _SAMPLES, _STARTS = 200, 3
 _STEP = 1e-5
 _NAMED_AT_MOST = 3
@@ -80,22 +80,26 @@ class Model:
     """Part of the firmware to check."""
     change: Callable[..., Array]
     """Function of the stage's input and the parameters, which returns its output."""
+    size: str = ""
+    """Format of the parameters in words."""
     limits: tuple[tuple[float, float], ...] = ()
     """Range of each fitted parameter."""
     choices: Array | None = None
-    """Shape (k, p). Sets of parameters to choose from, if they are not fitted."""
-    size: Callable[[Array], str] = lambda parameters: ""
-    """Parameters in words."""
+    """Shape (k, p). Sets of parameters to choose from, if they are not fitted; the most likely first."""
 
     def words(self, parameters: Array) -> str:
         """Return name and size."""
-        size = self.size(parameters)
+        size = _axes_in_words(parameters) if len(parameters) == 9 else self.size.format(*parameters).replace("%", " %")
         return f"{self.name} ({size})" if size else self.name
 
-    @property
-    def penalty(self) -> float:
-        """Number of sets of parameters to choose from, as twice its logarithm."""
-        return 0.0 if self.choices is None else 2.0 * float(np.log(len(self.choices)))
+    def penalties(self) -> Array:
+        """Return the term of the criterion for each choice, shape (k,); later ones are less likely."""
+        return np.asarray(2.0 * np.log([1.0] if self.choices is None else 2.0 + np.arange(len(self.choices))))
+
+    def penalty(self, parameters: Array) -> float:
+        """Return the term of the criterion for chosen parameters."""
+        index = 0 if self.choices is None else int(np.abs(self.choices - parameters).sum(axis=1).argmin())
+        return float(self.penalties()[index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,10 +187,11 @@ def fit_causes(poses: Poses) -> Explanation:
         sets, best = [*sets, *further], _choose(further)
         if _choose(sets) not in further and _is_noise(poses, _choose(sets)):
             break
-        bases = [best] if len(best.models) < MOST_CAUSES else []
+        bases = [best]
         if not _is_noise(poses, best):
-            wide = [min(further, key=partial(_wide_criterion, poses, width_deg)) for width_deg in _WIDE]
-            bases = list(dict.fromkeys([best, *wide]))
+            for width in (_WIDE_DEG, 0.3 * _WIDE_DEG):
+                bases.append(min(further, key=lambda fit: _scores(poses, fit.answers_deg, width) + fit.penalty))
+            bases = list(dict.fromkeys(bases))
     return _explanation(poses, _choose(sets), sets)
 
 
@@ -204,10 +209,6 @@ def _choose(fits: Sequence[_Fit]) -> _Fit:
     return min(near, key=lambda fit: (fit.fitted + len(fit.models), fit.criterion))
 
 
-def _wide_criterion(poses: Poses, width_deg: float, fit: _Fit) -> float:
-    return float(_scores(poses, fit.answers_deg, width_deg)) + fit.penalty
-
-
 def _is_noise(poses: Poses, fit: _Fit) -> bool:
     ratio = _wrap(poses.answered_deg - fit.answers_deg) / poses.noise_deg
     is_far = np.abs(ratio) >= _FAR
@@ -218,14 +219,14 @@ def _explanation(poses: Poses, best: _Fit, fits: Sequence[_Fit]) -> Explanation:
     causes = []
     for index, (model, parameters) in enumerate(best.model_parameters()):
         others = best.models[:index] + best.models[index + 1 :]
-        rows = [(model, parameters)]
-        rows += [
-            next(row for row in fit.model_parameters() if row[0] not in others)
-            for fit in fits
-            if fit is not best and set(others) < set(fit.models) and _are_same(poses, fit, best)
+        alike = [
+            fit for fit in fits if fit is not best and set(others) < set(fit.models) and _are_same(poses, fit, best)
         ]
+        rows = [(model, parameters)]
+        for fit in sorted(alike, key=lambda fit: fit.criterion):
+            rows += [row for row in fit.model_parameters() if row[0] not in others]
         remaining = [values for other, values in best.model_parameters() if other is not model]
-        without = answered_headings(poses, others, np.concatenate([np.zeros(0), *remaining])[:, None])[0]
+        without = answered_headings(poses, others, np.hstack([[], *remaining])[:, None])[0]
         causes.append(
             FittedCause(
                 tuple(dict.fromkeys(row.words(values) for row, values in rows)),
@@ -250,51 +251,41 @@ def _explanation(poses: Poses, best: _Fit, fits: Sequence[_Fit]) -> Explanation:
 
 def _are_same(poses: Poses, one: _Fit, other: _Fit) -> bool:
     """Return whether two sets of as many models and parameters have equal answers."""
-    if (len(one.models), one.fitted) != (len(other.models), other.fitted):
-        return False
-    return bool(np.abs(_wrap(one.answers_deg - other.answers_deg)).max() <= _SAME * poses.noise_deg)
+    is_as_large = (len(one.models), one.fitted) == (len(other.models), other.fitted)
+    return is_as_large and float(np.abs(_wrap(one.answers_deg - other.answers_deg)).max()) <= _SAME * poses.noise_deg
+
+
+_EXCEPTIONS = {
+    "poses at which the board was not turned or stale samples": "the turntable there, and the flag of new samples",
+    "an average of headings across 0 and 360 degrees": _PLACE_OF_AVERAGE,
+    "single corrupt headings": "reading of the sensors: torn reads, samples that are 0, an unlocked bus",
+}
+"""Kinds of poses that no bug of all poses explains, and the part of the firmware to check."""
 
 
 def _isolated_poses(poses: Poses, errors: Array, is_isolated: NDArray[np.bool_]) -> FittedCause:
     """Describe the few poses that no bug of all poses explains."""
-    before = np.abs(_wrap(poses.answered_deg - np.roll(poses.answered_deg, 1))) <= _FAR * poses.noise_deg
-    before[0], count = False, int(is_isolated.sum())
-    near_north = np.abs(_wrap(poses.headings_deg())) < _NEAR_NORTH_DEG
+    changes = np.abs(_wrap(np.diff(poses.answered_deg, prepend=np.nan)))
+    is_repeated, count = changes <= _FAR * poses.noise_deg, int(is_isolated.sum())
+    is_near_north = np.abs(_wrap(poses.headings_deg())) < _NEAR_NORTH_DEG
+    kinds = is_repeated[is_isolated].all(), count > 1 and is_near_north[is_isolated].all(), True
+    name, place = next(row for row, applies in zip(_EXCEPTIONS.items(), kinds, strict=True) if applies)
     numbers = ", ".join(str(index + 1) for index in np.flatnonzero(is_isolated)[:5]) + ", ..." * (count > 5)
-    if before[is_isolated].all():
-        name, place = "poses at which the board was not turned or stale samples", _PLACE_OF_STALE
-    elif near_north[is_isolated].all() and count > 1:
-        name, place = "an average of headings across 0 and 360 degrees", _PLACE_OF_AVERAGE
-    else:
-        name, place = "single corrupt headings", _PLACE_OF_CORRUPT
-    size = f"pose{'s' * (count > 1)} {numbers} of {len(errors)}"
-    return FittedCause((f"{name} ({size})",), (place,), _rms(np.where(is_isolated, errors, 0.0)))
-
-
-_NEAR_NORTH_DEG = 5.0
-_PLACE_OF_STALE = "the turntable at these poses, and the data-ready flag or the sequence number of samples"
-_PLACE_OF_AVERAGE = "the average or filter of headings: average their sines and cosines"
-_PLACE_OF_CORRUPT = "reading of the sensors: torn reads, samples that are 0, an unlocked bus"
+    words = f"{name} (pose{'s' * (count > 1)} {numbers} of {len(errors)})"
+    return FittedCause((words,), (place,), _rms(np.where(is_isolated, errors, 0.0)))
 
 
 def _pattern(poses: Poses, errors: Array) -> str:
     """Describe how errors depend on the pose."""
-    pitch_deg, roll_deg = _tilt_deg(poses.gravity_g.T)
+    pitch_deg, roll_deg = np.degrees(_tilt(poses.gravity_g.T))
     is_level = np.hypot(pitch_deg, roll_deg) < 2.0
     if 0 < is_level.sum() < len(errors) and _rms(errors[is_level]) <= min(0.5 * _rms(errors), 2.0 * poses.noise_deg):
-        by = {"pitch": np.abs(pitch_deg), "roll": np.abs(roll_deg)}
-        share = {name: _correlation(np.abs(errors), tilt) for name, tilt in by.items()}
+        tilts = {name: np.abs(angle) for name, angle in (("pitch", pitch_deg), ("roll", roll_deg))}
+        share = {name: float(np.abs(errors) @ tilt) / (_rms(tilt) + 1e-9) for name, tilt in tilts.items()}
         first, second = sorted(share, key=lambda name: -share[name])
-        tilt = first if share[first] > share[second] + 0.2 else "tilt"
+        tilt = first if share[first] > 1.5 * share[second] else "tilt"
         return f"level poses are right and the error grows with {tilt}"
-    heading = np.radians(poses.headings_deg())
-    for times, words in ((1, "once"), (2, "twice")):
-        waves = np.column_stack([np.sin(times * heading), np.cos(times * heading), np.ones_like(heading)])
-        if _rms(errors - waves @ np.linalg.lstsq(waves, errors, rcond=None)[0]) < 0.5 * _rms(errors - errors.mean()):
-            return f"the error goes up and down {words} in a turn"
-    if _correlation(np.abs(errors), np.arange(len(errors), dtype=float)) > 0.6:
-        return "the error grows during the run"
-    return "without a pattern in heading, tilt or time"
+    return "without a pattern in heading or tilt"
 
 
 def _fit(poses: Poses, models: tuple[Model, ...], start: Array | None = None) -> _Fit:
@@ -309,7 +300,9 @@ def _fit(poses: Poses, models: tuple[Model, ...], start: Array | None = None) ->
     last = models[-1] if models else None
     further = np.zeros((0, 1)) if last is None else _start_values(last)
     values = np.vstack([np.repeat(start[:, None], further.shape[1], axis=1), further])
-    limits = np.array([limit for model in models for limit in _limits(model)]).reshape(-1, 2)
+    limits = np.array([limit for model in models for limit in model.limits or ((0.0, 0.0),) * _count(model)]).reshape(
+        -1, 2
+    )
     free = np.flatnonzero(limits[:, 0] < limits[:, 1])
     answers = answered_headings(poses, models, values)
     if values.shape[1] > _STARTS:
@@ -319,7 +312,8 @@ def _fit(poses: Poses, models: tuple[Model, ...], start: Array | None = None) ->
         order = np.argsort(scores)[:_STARTS]
         values, answers = values[:, order], answers[order]
     scores = _scores(poses, answers, poses.noise_deg)
-    index = int(np.argmin(scores))
+    is_chosen = last is not None and last.choices is not None and len(last.choices) == len(scores)
+    index = int(np.argmin(scores + last.penalties() if last and is_chosen else scores))
     best = values[:, index], float(scores[index]), answers[index]
     if free.size:
         for width_deg, most in _APPROACH:
@@ -332,9 +326,10 @@ def _fit(poses: Poses, models: tuple[Model, ...], start: Array | None = None) ->
                     best = before[:, index], float(scores[index]), answers[index]
                 elif not width_deg:
                     break
-    penalty = free.size * float(np.log(len(poses.answered_deg)))
-    penalty += sum(model.penalty + LEAST_GAIN for model in models)
-    return _Fit(models, best[0], best[1] + penalty, penalty, best[2])
+    penalty = free.size * float(np.log(len(poses.answered_deg))) + LEAST_GAIN * len(models)
+    fit = _Fit(models, best[0], best[1] + penalty, penalty, best[2])
+    choices = sum(model.penalty(parameters) for model, parameters in fit.model_parameters())
+    return replace(fit, criterion=fit.criterion + choices, penalty=penalty + choices)
 
 
 def _start_values(model: Model) -> Array:
@@ -347,10 +342,6 @@ def _start_values(model: Model) -> Array:
     uniform = np.random.default_rng(1).uniform(-1.0, 1.0, (len(model.limits), _SAMPLES))
     uniform[:, 0] = 0.0
     return np.asarray(np.clip(uniform * np.abs(uniform) * np.maximum(np.abs(low), np.abs(high)), low, high))
-
-
-def _limits(model: Model) -> Sequence[tuple[float, float]]:
-    return model.limits or ((0.0, 0.0),) * _count(model)
 
 
 def _count(model: Model) -> int:
@@ -431,25 +422,12 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _correlation(one: Array, other: Array) -> float:
-    spread = float(one.std() * other.std())
-    return float(np.mean((one - one.mean()) * (other - other.mean()))) / spread if spread else 0.0
-
-
 # The formula: pitch and roll from gravity, the field turned back by them, the heading.
 
 
-def _tilt_deg(gravity: Array) -> tuple[Array, Array]:
-    pitch = np.arctan2(-gravity[0], np.hypot(gravity[1], gravity[2]))
-    return np.degrees(pitch), np.degrees(np.arctan2(gravity[1], gravity[2]))
-
-
-def _turned_back(field: Array, pitch: Array, roll: Array, signs: Sequence[float] = (1.0, 1.0, 1.0)) -> Array:
-    """Return the heading of a field and angles [rad]; `signs` multiply the terms Y sin sin, Z sin cos and Z sin."""
-    x, y, z = field
-    north = x * np.cos(pitch) + np.sin(pitch) * (signs[0] * y * np.sin(roll) + signs[1] * z * np.cos(roll))
-    west = y * np.cos(roll) - signs[2] * z * np.sin(roll)
-    return np.asarray(np.degrees(np.arctan2(-west, north)))
+def _tilt(gravity: Array) -> list[Array]:
+    """Return pitch and roll [rad]."""
+    return [np.arctan2(-gravity[0], np.hypot(gravity[1], gravity[2])), np.arctan2(gravity[1], gravity[2])]
 
 
 def _heading_deg(
@@ -457,56 +435,37 @@ def _heading_deg(
     field: Array,
     parameters: Array | None = None,
     *,
-    pitch: float = 1.0,
-    roll: float = 1.0,
-    signs: Sequence[float] = (1.0, 1.0, 1.0),
-    unit: float = 1.0,
+    tilt: Callable[[Array], Sequence[Array]] = _tilt,
+    factors: tuple[float, float] = (1.0, 1.0),
+    signs: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> Array:
-    pitch_deg, roll_deg = _tilt_deg(gravity)
-    return _turned_back(field, unit * pitch * np.radians(pitch_deg), unit * roll * np.radians(roll_deg), signs)
-
-
-def _untilted(gravity: Array, field: Array, parameters: Array) -> Array:
-    return np.asarray(np.degrees(np.arctan2(-field[1], field[0])))
+    """Return headings from multiples of pitch and roll; `signs` multiply the terms Y sin sin, Z sin cos and Z sin."""
+    pitch, roll = (factor * angle for factor, angle in zip(factors, tilt(gravity), strict=True))
+    x, y, z = field
+    north = x * np.cos(pitch) + np.sin(pitch) * (signs[0] * y * np.sin(roll) + signs[1] * z * np.cos(roll))
+    west = y * np.cos(roll) - signs[2] * z * np.sin(roll)
+    return np.asarray(np.degrees(np.arctan2(-west, north)))
 
 
 def _pitch_first(gravity: Array, field: Array, parameters: Array) -> Array:
-    pitch, roll = np.radians(_tilt_deg(gravity))
+    pitch, roll = _tilt(gravity)
     x, y, z = field
     north = x * np.cos(pitch) + z * np.sin(pitch)
     west = x * np.sin(roll) * np.sin(pitch) + y * np.cos(roll) - z * np.sin(roll) * np.cos(pitch)
     return np.asarray(np.degrees(np.arctan2(-west, north)))
 
 
-def _arcsine_heading(gravity: Array, field: Array, parameters: Array) -> Array:
-    across = np.arctan2(gravity[1], np.hypot(gravity[0], gravity[2]))
-    return _turned_back(field, np.radians(_tilt_deg(gravity)[0]), across)
-
-
-def _pitch_from_two_axes(gravity: Array, field: Array, parameters: Array) -> Array:
-    return _turned_back(field, np.arctan2(-gravity[0], gravity[2]), np.radians(_tilt_deg(gravity)[1]))
-
-
-def _exchanged_tilt(gravity: Array, field: Array, parameters: Array) -> Array:
-    pitch, roll = np.radians(_tilt_deg(gravity))
-    return _turned_back(field, roll, pitch)
-
-
 # Vectors.
 
 
-def _add(vectors: Array, parameters: Array) -> Array:
-    return vectors + parameters
+def _add(vectors: Array, parameters: Array, *, unit: float = 1.0) -> Array:
+    return vectors + unit * parameters
 
 
 def _scale_axis(vectors: Array, parameters: Array, *, axis: int) -> Array:
     factors = np.ones((3, *parameters.shape[1:]))
-    factors[axis] = 2.0 ** parameters[0]
+    factors[axis] += parameters[0]
     return vectors * factors
-
-
-def _drop_axis(vectors: Array, parameters: Array, *, axis: int) -> Array:
-    return vectors * np.where(np.arange(3) == axis, 0.0, 1.0)[:, None, None]
 
 
 def _distort(vectors: Array, parameters: Array) -> Array:
@@ -521,67 +480,33 @@ def _distort(vectors: Array, parameters: Array) -> Array:
 def _rotate(vectors: Array, parameters: Array) -> Array:
     """Rotate by a vector [deg], as Rodrigues."""
     angle = np.radians(np.linalg.norm(parameters, axis=0)) + 1e-12
-    axis = np.broadcast_to(np.radians(parameters) / angle, (3, *np.broadcast_shapes(angle.shape, vectors.shape[1:])))
-    vectors = np.broadcast_to(vectors, axis.shape)
-    along = (axis * vectors).sum(axis=0)
-    across = np.cross(axis, vectors, axis=0)
+    axis, vectors = np.broadcast_arrays(np.radians(parameters) / angle, vectors)
+    along, across = (axis * vectors).sum(axis=0), np.cross(axis, vectors, axis=0)
     return np.asarray(vectors * np.cos(angle) + across * np.sin(angle) + axis * along * (1.0 - np.cos(angle)))
 
 
 def _exchange_axes(vectors: Array, parameters: Array) -> Array:
     matrices = parameters[:, :, 0].reshape(3, 3, -1)
-    return np.asarray(
-        np.einsum("ijk,jkn->ikn", matrices, np.broadcast_to(vectors, (3, *matrices.shape[2:], vectors.shape[2])))
-    )
-
-
-def _add_to_negative(vectors: Array, parameters: Array) -> Array:
-    return np.where(vectors < 0.0, vectors + parameters[0], vectors)
-
-
-def _clip(vectors: Array, parameters: Array) -> Array:
-    level = (1.0 - parameters[0]) * np.abs(vectors).max()
-    return np.clip(vectors, -level, level)
+    return np.stack([(row[:, :, None] * vectors).sum(axis=0) for row in matrices])
 
 
 # Headings.
 
 
-def _reversed(heading_deg: Array, parameters: Array) -> Array:
-    return np.asarray(parameters[0] - heading_deg)
-
-
-def _turned(heading_deg: Array, parameters: Array) -> Array:
-    return np.asarray(heading_deg + parameters[0])
-
-
-def _truncated(heading_deg: Array, parameters: Array) -> Array:
-    return np.asarray(np.floor(heading_deg % 360.0 / parameters[0]) * parameters[0])
-
-
-def _multiplied(heading_deg: Array, parameters: Array) -> Array:
-    return np.asarray(heading_deg % 360.0 * parameters[0])
-
-
-def _overflown(heading_deg: Array, parameters: Array) -> Array:
-    heading_deg = heading_deg % 360.0
-    return np.where(heading_deg > parameters[0], heading_deg - 2.0 * parameters[0], heading_deg)
-
-
-def _half_turn(heading_deg: Array, parameters: Array) -> Array:
-    return np.asarray((heading_deg + 90.0) % 180.0 - 90.0)
+def _convert(heading_deg: Array, parameters: Array, *, factor: float = 1.0, zero: float = 0.0) -> Array:
+    return np.asarray(zero + factor * (heading_deg % 360.0))
 
 
 # Sequences.
 
 
-def _frozen(heading_deg: Array, parameters: Array) -> Array:
-    """Keep the heading from one pose on; the parameter is the index of the last pose with a new one."""
-    index = np.minimum(np.arange(heading_deg.shape[-1]), parameters[0].astype(int))
+def _freeze(heading_deg: Array, parameters: Array) -> Array:
+    """Keep a heading from one pose on; the parameter is the number of that pose."""
+    index = np.minimum(np.arange(heading_deg.shape[-1]), parameters[0].astype(int) - 1)
     return np.take_along_axis(np.broadcast_to(heading_deg, index.shape), index, axis=-1)
 
 
-def _lagging(heading_deg: Array, parameters: Array, *, wraps: bool) -> Array:
+def _filter(heading_deg: Array, parameters: Array, *, wraps: bool) -> Array:
     """Filter with a coefficient; without wrapping, headings of 359 and 1 degrees have the mean 180."""
     heading_deg = np.unwrap(heading_deg, period=360.0) if wraps else heading_deg % 360.0
     steps = np.diff(heading_deg, axis=-1, prepend=heading_deg[:, :1])
@@ -591,221 +516,161 @@ def _lagging(heading_deg: Array, parameters: Array, *, wraps: bool) -> Array:
     return np.asarray(heading_deg - np.einsum("kij,kj->ki", decays, np.broadcast_to(steps, (len(decays), len(index)))))
 
 
-# Sizes.
+# The table.
 
 
-def _components(values: Array, unit: str, digits: int) -> str:
-    parts = ", ".join(f"{axis} {value:+.{digits}f}" for axis, value in zip("xyz", values.tolist(), strict=True))
-    return f"{float(np.linalg.norm(values)):.{digits}f} {unit}: {parts}"
-
-
-def _axes_in_words(values: Array) -> str:
-    sources = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in values.reshape(3, 3)]
+def _axes_in_words(matrix: Array) -> str:
+    rows = matrix.reshape(3, 3)
+    sources = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in rows]
     return f"x, y and z are {', '.join(sources[:2])} and {sources[2]}"
 
 
-def _turned_words(values: Array) -> str:
-    return f"{values[0]:+.2f} deg"
-
-
-def _frozen_words(values: Array) -> str:
-    return f"after pose {int(values[0]) + 1}"
-
-
 def _axes_choices() -> Array:
+    """Return the signed permutations of three axes, those that change the fewest axes first; shape (47, 9)."""
     signed = [
         (np.eye(3)[list(order)] * np.array(signs)[:, None]).ravel()
         for order in permutations(range(3))
         for signs in product((1.0, -1.0), repeat=3)
     ]
-    return np.array(signed[1:])
+    return np.array(sorted(signed, key=lambda matrix: np.abs(matrix - np.eye(3).ravel()).sum())[1:])
 
 
-_FIELD = "conversion and order of the magnetometer's axes in its driver, beside the data sheet"
-_GRAVITY = "conversion and order of the accelerometer's axes in its driver, beside the data sheet"
+_DRIVER = "conversion and order of its axes in the driver of the {}, beside the data sheet"
 _TILT = "pitch and roll from gravity, and the formula that turns the field back by them"
 _ATAN2 = "order and signs of the arguments of atan2, or frame and heading under [device] in the rig"
+_OFFSET = "the mounting yaw in the rig, a declination and its sign, and the firmware's axes"
 _OUTPUT = "the step from the heading to the answer: unit, type and rounding"
 _IRON = "the line that applies the calibration: (read - hard iron), once, multiplied by the soft iron from the left"
+_UNSIGNED = "type of the accelerometer's counts: two's complement, int16_t"
+_FILTER = "the filter's coefficient, and its time between two poses"
+_TRIM = "calibration of the accelerometer"
+_LOOP = "the loop that reads the sensors: a full buffer, a missed interrupt, an error of the bus"
+_SIDES = {" from east": 90.0, " from south": 180.0, " from west": 270.0}
+_XYZ = "x {:+.1f}, y {:+.1f}, z {:+.1f} "
+_PERCENTS = "xx {:+.0%}, yy {:+.0%}, xy {:+.0%}, xz {:+.0%}, yz {:+.0%}"
+_FORMULAS: dict[str, Callable[..., Array]] = {
+    "no tilt compensation": partial(_heading_deg, factors=(0.0, 0.0)),
+    "sign of pitch": partial(_heading_deg, factors=(-1.0, 1.0)),
+    "sign of roll": partial(_heading_deg, factors=(1.0, -1.0)),
+    "signs of pitch and roll": partial(_heading_deg, factors=(-1.0, -1.0)),
+    "sign in the tilt compensation, y sin(pitch) sin(roll)": partial(_heading_deg, signs=(-1.0, 1.0, 1.0)),
+    "sign in the tilt compensation, z sin(pitch) cos(roll)": partial(_heading_deg, signs=(1.0, -1.0, 1.0)),
+    "sign in the tilt compensation, z sin(roll)": partial(_heading_deg, signs=(1.0, 1.0, -1.0)),
+    "rotation order: pitch before roll": _pitch_first,
+    "arcsine for roll": partial(
+        _heading_deg, tilt=lambda gravity: [_tilt(gravity)[0], np.arctan2(gravity[1], np.hypot(gravity[0], gravity[2]))]
+    ),
+    "pitch from x and z alone": partial(
+        _heading_deg, tilt=lambda gravity: [np.arctan2(-gravity[0], gravity[2]), _tilt(gravity)[1]]
+    ),
+    "pitch and roll exchanged": partial(_heading_deg, tilt=lambda gravity: _tilt(gravity)[::-1]),
+    "sine and cosine of degrees": partial(_heading_deg, factors=(180.0 / np.pi, 180.0 / np.pi)),
+}
+_HEADINGS: dict[str, tuple[str, Callable[..., Array]]] = {
+    "headings counted the other way": (_ATAN2, partial(_convert, factor=-1.0)),
+    **{
+        f"headings counted the other way{side}": (_ATAN2, partial(_convert, factor=-1.0, zero=zero))
+        for side, zero in _SIDES.items()
+    },
+    **{f"headings counted{side}": (_ATAN2, partial(_convert, zero=-zero)) for side, zero in _SIDES.items()},
+    "swapped arguments of atan2": (_ATAN2, partial(_convert, factor=-1.0, zero=90.0)),
+    "atan instead of atan2": (_ATAN2, lambda heading_deg, _: (heading_deg + 90.0) % 180.0 - 90.0),
+    "headings in gradians": (_OUTPUT, partial(_convert, factor=400.0 / 360.0)),
+    "headings in radians": (_OUTPUT, partial(_convert, factor=np.pi / 180.0)),
+}
+
+
+def _column(*values: float) -> Array:
+    return np.array(values)[:, None]
+
+
+def _sensor_models(sensor: str, stage: Stage) -> list[Model]:
+    """Return the models of the axes of a sensor."""
+    place = _DRIVER.format(sensor)
+    models = [Model(f"axes of the {sensor}", stage, place, _exchange_axes, choices=_axes_choices())]
+    for index, axis in enumerate("xyz"):
+        scale, name = partial(_scale_axis, axis=index), f"{axis} axis of the {sensor}"
+        models += [
+            Model(f"scale of the {name}", stage, place, scale, "{:+.0%}", ((-0.5, 1.0),)),
+            Model(f"{name} reads 0", stage, place, scale, choices=_column(-1.0)),
+        ]
+    return models
+
+
 MODELS: tuple[Model, ...] = (
     Model(
         "constant offset",
         Stage.HEADING,
-        "the mounting yaw in the rig, a declination and its sign, and the firmware's axes",
-        _turned,
-        limits=((-180.0, 180.0),),
-        size=_turned_words,
+        _OFFSET,
+        lambda heading, offset: heading + offset[0],
+        "{:+.2f} deg",
+        ((-180.0, 180.0),),
     ),
-    Model("headings counted the other way", Stage.HEADING, _ATAN2, _reversed, choices=np.array([[0.0]])),
-    *(
-        Model(
-            f"headings counted the other way from {side}",
-            Stage.HEADING,
-            _ATAN2,
-            _reversed,
-            choices=np.array([[zero]]),
-        )
-        for side, zero in (("east", 90.0), ("south", 180.0), ("west", 270.0))
-    ),
-    *(
-        Model(f"zero of the headings at {side}", Stage.HEADING, _ATAN2, _turned, choices=np.array([[zero]]))
-        for side, zero in (("east", -90.0), ("south", 180.0), ("west", 90.0))
-    ),
-    Model("swapped arguments of atan2", Stage.HEADING, _ATAN2, _reversed, choices=np.array([[90.0]])),
-    Model("atan instead of atan2", Stage.HEADING, _ATAN2, _half_turn),
-    Model(
-        "axes of the magnetometer", Stage.FIELD, _FIELD, _exchange_axes, choices=_axes_choices(), size=_axes_in_words
-    ),
-    Model(
-        "axes of the accelerometer",
-        Stage.GRAVITY,
-        _GRAVITY,
-        _exchange_axes,
-        choices=_axes_choices(),
-        size=_axes_in_words,
-    ),
-    Model("no tilt compensation", Stage.FORMULA, _TILT, _untilted),
-    Model("sign of pitch", Stage.FORMULA, _TILT, partial(_heading_deg, pitch=-1.0)),
-    Model("sign of roll", Stage.FORMULA, _TILT, partial(_heading_deg, roll=-1.0)),
-    Model("signs of pitch and roll", Stage.FORMULA, _TILT, partial(_heading_deg, pitch=-1.0, roll=-1.0)),
-    *(
-        Model(f"sign in the tilt compensation, {term}", Stage.FORMULA, _TILT, partial(_heading_deg, signs=signs))
-        for term, signs in (
-            ("y sin(pitch) sin(roll)", (-1.0, 1.0, 1.0)),
-            ("z sin(pitch) cos(roll)", (1.0, -1.0, 1.0)),
-            ("z sin(roll)", (1.0, 1.0, -1.0)),
-        )
-    ),
-    Model("rotation order: pitch before roll", Stage.FORMULA, _TILT, _pitch_first),
-    Model("arcsine for roll", Stage.FORMULA, _TILT, _arcsine_heading),
-    Model("pitch from x and z alone", Stage.FORMULA, _TILT, _pitch_from_two_axes),
-    Model("pitch and roll exchanged", Stage.FORMULA, _TILT, _exchanged_tilt),
-    Model("sine and cosine of degrees", Stage.FORMULA, _TILT, partial(_heading_deg, unit=180.0 / np.pi)),
-    Model(
-        "hard iron",
-        Stage.FIELD,
-        _IRON,
-        _add,
-        limits=((-200.0, 200.0),) * 3,
-        size=partial(_components, unit="uT", digits=1),
-    ),
-    Model(
-        "soft iron",
-        Stage.FIELD,
-        _IRON,
-        _distort,
-        limits=((-0.5, 1.0),) * 2 + ((-0.5, 0.5),) * 3,
-        size=lambda values: ", ".join(
-            f"{pair} {100 * value:+.0f} %" for pair, value in zip(("xx", "yy", "xy", "xz", "yz"), values, strict=True)
-        ),
-    ),
-    Model(
-        "residual rotation of the magnetometer",
-        Stage.FIELD,
-        _IRON,
-        _rotate,
-        limits=((-60.0, 60.0),) * 3,
-        size=partial(_components, unit="deg", digits=1),
-    ),
-    *(
-        Model(
-            f"scale of the {sensor}'s {axis} axis",
-            stage,
-            place,
-            partial(_scale_axis, axis=index),
-            limits=((-1.0, 1.0),),
-            size=lambda values: f"factor {2.0 ** values[0]:.2f}",
-        )
-        for sensor, stage, place in (
-            ("magnetometer", Stage.FIELD, _FIELD),
-            ("accelerometer", Stage.GRAVITY, _GRAVITY),
-        )
-        for index, axis in enumerate("xyz")
-    ),
-    *(
-        Model(f"{sensor}'s {axis} axis that reads 0", stage, place, partial(_drop_axis, axis=index))
-        for sensor, stage, place in (("magnetometer", Stage.FIELD, _FIELD), ("accelerometer", Stage.GRAVITY, _GRAVITY))
-        for index, axis in enumerate("xyz")
-    ),
+    *(Model(name, Stage.HEADING, place, change) for name, (place, change) in _HEADINGS.items()),
+    *(Model(name, Stage.FORMULA, _TILT, change) for name, change in _FORMULAS.items()),
+    *_sensor_models("magnetometer", Stage.FIELD),
+    *_sensor_models("accelerometer", Stage.GRAVITY),
+    Model("hard iron", Stage.FIELD, _IRON, _add, f"{_XYZ}uT", ((-200.0, 200.0),) * 3),
+    Model("soft iron", Stage.FIELD, _IRON, _distort, _PERCENTS, ((-0.5, 1.0),) * 2 + ((-0.5, 0.5),) * 3),
+    Model("residual rotation", Stage.FIELD, _IRON, _rotate, f"{_XYZ}deg", ((-60.0, 60.0),) * 3),
     Model(
         "clipped magnetometer",
         Stage.FIELD,
-        "range and gain of the magnetometer",
-        _clip,
-        limits=((0.0, 0.8),),
-        size=lambda values: f"at {100 * (1 - values[0]):.0f} % of the largest component",
+        "its range and gain",
+        lambda field, lost: np.sign(field) * np.minimum(np.abs(field), (1.0 - lost[0]) * np.abs(field).max()),
+        "{:.0%} lost",
+        ((0.0, 0.8),),
     ),
-    Model(
-        "accelerometer offset",
-        Stage.GRAVITY,
-        "calibration of the accelerometer",
-        _add,
-        limits=((-0.1, 0.1),) * 3,
-        size=lambda values: _components(1000.0 * values, "mg", 0),
-    ),
+    Model("accelerometer offset", Stage.GRAVITY, _TRIM, partial(_add, unit=0.001), f"{_XYZ}mg", ((-100.0, 100.0),) * 3),
     Model(
         "accelerometer read as unsigned",
         Stage.GRAVITY,
-        "type of the accelerometer's counts: two's complement, int16_t",
-        _add_to_negative,
-        choices=np.array([[4.0], [8.0], [16.0], [32.0]]),
-        size=lambda values: f"negative values read {values[0]:g} g more",
+        _UNSIGNED,
+        lambda gravity, added: gravity + (gravity < 0.0) * added[0],
+        "negative values {:g} g more",
+        choices=_column(4.0, 8.0, 16.0, 32.0),
     ),
     Model(
-        "headings in whole degrees",
+        "whole degrees",
         Stage.HEADING,
         _OUTPUT,
-        _truncated,
-        choices=np.array([[1.0], [2.0], [5.0], [10.0]]),
-        size=lambda values: f"rounded down to {values[0]:g} deg",
+        lambda heading, step: heading % 360.0 // step[0] * step[0],
+        "multiples of {:g}",
+        choices=_column(1.0, 2.0, 5.0, 10.0),
     ),
-    Model("headings in gradians", Stage.HEADING, _OUTPUT, _multiplied, choices=np.array([[400.0 / 360.0]])),
-    Model("headings in radians", Stage.HEADING, _OUTPUT, _multiplied, choices=np.array([[np.pi / 180.0]])),
     Model(
         "overflow of the heading",
         Stage.HEADING,
         _OUTPUT,
-        _overflown,
-        choices=np.array([[327.67], [127.0]]),
-        size=lambda values: f"above {values[0]:g} deg",
+        lambda heading, top: heading % 360.0 - 2.0 * top[0] * (heading % 360.0 > top[0]),
+        "above {:g} deg",
+        choices=_column(327.67, 127.0),
     ),
     Model(
         "low-pass filter",
         Stage.SEQUENCE,
-        "the filter's coefficient, and its time between two poses",
-        partial(_lagging, wraps=True),
-        limits=((0.0, 0.95),),
-        size=lambda values: f"{100 * values[0]:.0f} % of the last turn are missing",
+        _FILTER,
+        partial(_filter, wraps=True),
+        "{:.0%} of a turn missing",
+        ((0.0, 0.95),),
     ),
     Model(
         "average of headings across 0 and 360 degrees",
         Stage.SEQUENCE,
         _PLACE_OF_AVERAGE,
-        partial(_lagging, wraps=False),
-        limits=((0.0, 0.95),),
-        size=lambda values: f"coefficient {values[0]:.2f}",
+        partial(_filter, wraps=False),
+        "coefficient {:.2f}",
+        ((0.0, 0.95),),
     ),
 )
-"""Known bugs: the sentence's words, the part of the firmware to check, and the model."""
+"""Known bugs."""
 
 
 def models_of_run(poses: Poses) -> list[Model]:
-    """Return the models that depend on the run: its number of poses, and the firmware's hard iron."""
-    last = np.arange(0.0, len(poses.answered_deg) - 2.0)[:, None]
-    models = (
-        [
-            Model(
-                "headings frozen",
-                Stage.SEQUENCE,
-                "the loop that reads the sensors: a full buffer, a missed interrupt, an error of the bus",
-                _frozen,
-                choices=last,
-                size=_frozen_words,
-            )
-        ]
-        if len(last)
-        else []
-    )
+    """Return the models that depend on the run: its number of poses, and the hard iron that the firmware reports."""
+    last, models = np.arange(1.0, len(poses.answered_deg) - 1.0)[:, None], []
+    if len(last):
+        models += [Model("headings frozen", Stage.SEQUENCE, _LOOP, _freeze, "after pose {:.0f}", choices=last)]
     if poses.hard_iron_ut is not None and np.any(poses.hard_iron_ut):
         models += [
             Model(f"hard iron {mistake}", Stage.FIELD, _IRON, _add, choices=times * poses.hard_iron_ut[None, :])
