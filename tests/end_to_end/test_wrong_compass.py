@@ -19,6 +19,9 @@ SAID = "    output_state(&state, &background);\n"
 
 
 POOR = "    if (found.status != FIT_ELLIPSOID"
+ROLL_NEGATED = "(const float[3]){state.gravity[0], -state.gravity[1], state.gravity[2]}"
+TWICE = [f"state.field[{axis}] - background.iron.hard_iron[{axis}]" for axis in range(3)]
+REMOVED_TWICE = f"(const float[3]){{{', '.join(TWICE)}}}"
 FITTED = "        background->iron = iron;\n"
 
 
@@ -30,6 +33,18 @@ FITTED = "        background->iron = iron;\n"
             "level",
             "heading.firmware.max",
             "headings counted the other way; calibration right",
+        ),
+        (
+            Edit("compass/main.c", "tilt_heading(state.gravity, ", f"tilt_heading({ROLL_NEGATED}, "),
+            "all",
+            "heading.firmware.max",
+            "sign of roll or sign in the tilt compensation, z sin(roll); calibration right",
+        ),
+        (
+            Edit("compass/main.c", "state.gravity, state.field, ", f"state.gravity, {REMOVED_TWICE}, "),
+            "all",
+            "heading.firmware.max",
+            "hard iron subtracted twice",
         ),
         (
             Edit("compass/background.c", FITTED, f"{FITTED}        background->iron.soft_iron[0] *= 1.1f;\n"),
@@ -93,6 +108,8 @@ FITTED = "        background->iron = iron;\n"
     ],
     ids=[
         "heading the other way",
+        "roll the other way in the heading",
+        "hard iron removed twice for the heading",
         "a wrong gain after the fit",
         "a fit that is never renewed",
         "pitch the other way",

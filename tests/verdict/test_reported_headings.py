@@ -132,9 +132,12 @@ def test_an_error_that_is_the_same_everywhere_is_an_offset(
     assert "declination" in result.advice
 
 
-def test_headings_from_a_right_field_have_no_bug_of_the_field() -> None:
-    tables = answers(lambda heading: 2.5 if heading > 180.0 else 0.0)
-    assert cause(tables=tables, heading__firmware__max=2.5, heading__calibrated__max=0.4)[0] is Cause.FILTER
+def test_bugs_behind_vectors_that_are_right_come_first() -> None:
+    tables, level = answers(lambda heading: -2.0 * heading), slice(12)
+    tables = {name: replace(table, rows=table.rows[level]) for name, table in tables.items()}
+    assert "axes of the magnetometer" in cause(tables=tables, heading__firmware__max=170.0)[1]
+    words = cause(tables=tables, heading__firmware__max=170.0, heading__calibrated__max=0.4)[1]
+    assert words == "headings counted the other way; calibration right (0.40 deg)"
 
 
 def test_the_hard_iron_that_the_firmware_reports_shows_how_often_it_was_subtracted() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,8 +57,8 @@ def diagnose_firmware(
         return Cause.FRAME, [frame], None
     bugs = None
     if not (right and (unsettled or bias_dps is not None)):  # either would make a filter lag
-        poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG, is_field_right=bool(right))
-        bugs = fit_causes(poses) if poses else None
+        poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG)
+        bugs = _fit_bugs(poses, is_field_right=bool(right)) if poses else None
     if right:
         if bugs and bugs.causes:
             return Cause.KNOWN_BUG, details, bugs
@@ -78,13 +79,20 @@ def diagnose_firmware(
     return (Cause.OWN_CALIBRATION if details else Cause.NONE), details, None
 
 
-def _read_poses(tables: Mapping[str, Table], limit_deg: float, *, is_field_right: bool) -> Poses | None:
+def _fit_bugs(poses: Poses, *, is_field_right: bool) -> Explanation:
+    """Return the bugs; if the firmware shows right vectors, bugs behind them come first."""
+    behind = replace(poses, stages=[stage for stage in poses.stages if stage >= Stage.FORMULA])
+    bugs = fit_causes(behind) if is_field_right else None
+    return bugs if bugs and bugs.causes and bugs.is_noise else fit_causes(poses)
+
+
+def _read_poses(tables: Mapping[str, Table], limit_deg: float) -> Poses | None:
     """Return the firmware's headings and the true vectors; records without vectors show bugs of the last stages."""
     headings, vectors = tables.get("heading.poses"), tables.get("heading.known")
     answered = None if headings is None else headings.column_if_any(f"answered.{FIRMWARE}")
     if headings is None or not answered or None in answered:
         return None
-    stages = (Stage.FORMULA, Stage.HEADING, Stage.SEQUENCE) if is_field_right else tuple(Stage)
+    stages: Sequence[Stage] = tuple(Stage)
     if vectors is not None and len(vectors.rows) == len(answered):
         field, gravity = np.hsplit(np.array(vectors.rows, dtype=np.float64), 2)
     else:
