@@ -584,6 +584,11 @@ def _column(*values: float) -> Array:
     return np.array(values)[:, None]
 
 
+# Largest heading and period of integers [deg]: signed, of hundredths, of 1e-4 rad in 16 bits, and of degrees in 8 bits;
+# unsigned, of degrees in 8 bits.
+_INTEGERS = np.array([[327.67, 655.36], [187.74, 375.49], [127.0, 256.0], [255.0, 256.0]])
+
+
 def _sensor_models(sensor: str, stage: Stage) -> list[Model]:
     """Return the models of the axes of a sensor."""
     place = _DRIVER.format(sensor)
@@ -642,9 +647,9 @@ MODELS: tuple[Model, ...] = (
         "overflow of the heading",
         Stage.HEADING,
         _OUTPUT,
-        lambda heading, top: heading % 360.0 - 2.0 * top[0] * (heading % 360.0 > top[0]),
+        lambda heading, integer: heading % 360.0 - integer[1] * (heading % 360.0 > integer[0]),
         "above {:g} deg",
-        choices=_column(327.67, 127.0),
+        choices=_INTEGERS,
     ),
     Model(
         "low-pass filter",

@@ -44,8 +44,11 @@ def diagnose_firmware(
     """
     limit_deg = maximum_of(measurements.get(f"heading.{FIRMWARE}.max"))
     contradictions = _contradictions(tables)
+    poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG)
     if still := contradictions.get("still"):
-        return Cause.STILL, [still], None
+        bugs = fit_causes(poses) if poses else None
+        is_explained = bugs is not None and bool(bugs.causes) and bugs.is_noise
+        return (Cause.KNOWN_BUG, [], bugs) if is_explained else (Cause.STILL, [still], None)
     right = [
         source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
     ]
@@ -57,7 +60,6 @@ def diagnose_firmware(
         return Cause.FRAME, [frame], None
     bugs = None
     if not (right and (unsettled or bias_dps is not None)):  # either would make a filter lag
-        poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG)
         bugs = _fit_bugs(poses, is_field_right=bool(right)) if poses else None
     if right:
         if bugs and bugs.causes:
