@@ -28,6 +28,8 @@ _OTHER_TILT = (
 # A limit is far enough from the errors of right firmware: their rms is at most about a quarter of it.
 _NOISE_OF_LIMIT = 0.25
 _USUAL_LIMIT_DEG = 2.0
+# Length of the mean of unit vectors along headings that scatter by 8 degrees, as only frozen ones do.
+_STANDS_STILL = 0.99
 
 
 def diagnose_firmware(
@@ -46,7 +48,8 @@ def diagnose_firmware(
     contradictions = _contradictions(tables)
     poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG)
     if still := contradictions.get("still"):
-        bugs = fit_causes(poses) if poses else None
+        moves = poses is not None and abs(np.exp(1j * np.radians(poses.answered_deg)).mean()) < _STANDS_STILL
+        bugs = fit_causes(poses) if poses and moves else None
         is_explained = bugs is not None and bool(bugs.causes) and bugs.is_noise
         return (Cause.KNOWN_BUG, [], bugs) if is_explained else (Cause.STILL, [still], None)
     right = [
