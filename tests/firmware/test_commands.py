@@ -330,7 +330,7 @@ def test_a_limit_on_iterations_ends_the_solver_with_the_fit_that_it_has_by_then(
         cycles.append(rest[13])
         soft_irons.append(rest[:9])
     enough = statuses.index(0)
-    assert set(statuses[:enough]) == {5}  # NOT_CONVERGED
+    assert set(statuses[:enough]) <= {1, 5}  # NOT_AN_ELLIPSOID, NOT_CONVERGED
     assert sweeps[: enough + 1] == [*range(1, enough + 1), enough]
     assert cycles[: enough + 1] == sorted(set(cycles[: enough + 1]))
     # Cyclic rotations converge quadratically; in parts of the matrix.
