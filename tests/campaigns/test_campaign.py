@@ -230,11 +230,11 @@ class TestFolder:
         ), out
         done = subprocess.run([*command, "report", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 4
-        answer = "out: a campaign, not one run: cut short or going on, without seeds.md; name one of out/seed-0001, "
+        answer = "out: a campaign, not one run: cut short or going on, without seeds.md; name one of its folders"
         assert answer in done.stderr
         (tmp_path / "out" / "seeds.md").write_text("")
         done = subprocess.run([*command, "report", "out"], cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert "out: a campaign, not one run: all its seeds are in out/seeds.md; name one of out/seed" in done.stderr
+        assert "out: a campaign, not one run: all its seeds are in out/seeds.md; name one of its folders" in done.stderr
 
 
 def hiltest_main(*arguments: str) -> int:
