@@ -97,9 +97,9 @@ class Samples(NamedTuple):
 
     def since(self, time_s: float) -> Samples:
         """Return the samples that were taken at a time or later."""
-        return self.at(self.instant_s >= time_s)
+        return self.select(self.instant_s >= time_s)
 
-    def at(self, places: slice | NDArray[np.bool_]) -> Samples:
+    def select(self, places: slice | NDArray[np.bool_]) -> Samples:
         """Return the samples at some places."""
         return Samples(
             self.counts[places], self.number[places], self.instant_s[places], self.time_s[places], self.period_s
@@ -292,7 +292,7 @@ class DeliveredSamples:
         samples = self._samples(sensor)
         fresh = samples.since(self._begin_s)
         place = self._place_of_sequence(sensor, fresh, samples, reply.counts)
-        used = fresh.at(slice(place, place + len(reply.counts)))
+        used = fresh.select(slice(place, place + len(reply.counts)))
         self._check_times(sensor, used, np.array([self._virtual_s(time_us) for time_us in reply.time_us.tolist()]))
         self._check_temperature(sensor, reply.die_temperature_degc)
 
@@ -392,7 +392,7 @@ class DeliveredSamples:
 
     def _check_first_attitude(self, request: FusionStart, attitude: Quaternion) -> None:
         self._fusion_start = request, attitude
-        magnetometer = self._fresh(SensorKind.MAGNETOMETER).at(slice(-request.readings, None))
+        magnetometer = self._fresh(SensorKind.MAGNETOMETER).select(slice(-request.readings, None))
         if len(magnetometer.counts) < request.readings:
             samples = format_count(request.readings, "sample")
             _raise(f"the firmware's attitude is from {samples}, and the sensor delivered {len(magnetometer.counts)}")
@@ -414,7 +414,8 @@ class DeliveredSamples:
             return
         began_s = self._virtual_s(summary.began_us)
         gyroscope, magnetometer = (
-            samples.at(samples.time_s > began_s) for samples in (self._samples(self._selected[kind]) for kind in _FUSED)
+            samples.select(samples.time_s > began_s)
+            for samples in (self._samples(self._selected[kind]) for kind in _FUSED)
         )
         corrections, predictions = len(magnetometer.counts), len(gyroscope.counts) + len(magnetometer.counts)
         for name, steps, delivered in (
@@ -454,13 +455,13 @@ class DeliveredSamples:
             tolerance_rad = math.inf
         places = slice(None, None, start.every)
         attitudes = np.stack([measured, turned, fused], axis=1)[places]
-        return _FusionRecords(began_s, magnetometer.at(places), attitudes, tolerance_rad)
+        return _FusionRecords(began_s, magnetometer.select(places), attitudes, tolerance_rad)
 
     def _check_records(self, first: int, records: FusionRecords) -> None:
         if self._fusion is None:
             return
         chosen = slice(first, first + len(records.time_us))
-        samples, attitudes = self._fusion.samples.at(chosen), self._fusion.attitudes[chosen]
+        samples, attitudes = self._fusion.samples.select(chosen), self._fusion.attitudes[chosen]
         if len(attitudes) < len(records.time_us):
             _raise(f"the firmware answers {len(records.time_us)} records from {first} on, and made {len(attitudes)}")
         times_s = self._fusion.began_s + 1e-6 * records.time_us.astype(np.float64)

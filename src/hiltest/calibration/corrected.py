@@ -89,20 +89,25 @@ def fit_corrected(
         its bias; for fewer than 50 points, for noise of a tenth of the field or more, and if the corrected sums have no
         ellipsoid. Its coverage is always that of `direct`.
     """
-    direct = fit_direct(points_counts, largest_error_deg=largest_error_deg)
     points = points_array(points_counts)
-    if len(points) < FEWEST_POINTS or direct.coverage > COVERAGE_LIMIT:
-        return direct
-    anchor = mid_range(points)
-    if not fit_about(points, anchor, bias_share=BIAS_LEFT, largest_error_deg=largest_error_deg).has_fit:
-        return direct
-    adjusted = _newton(power_sums((points - mid_range(points)) / half_range(points)))
+    if len(points) < FEWEST_POINTS:
+        return fit_direct(points, largest_error_deg=largest_error_deg)
+    anchor, unit = mid_range(points), half_range(points)
+    least_squares = fit_about(points, anchor, bias_share=BIAS_LEFT, largest_error_deg=largest_error_deg)
+    if not least_squares.has_fit:
+        return least_squares  # `direct`, which counts all of its bias, refuses these points too
+    adjusted = None
+    if least_squares.coverage <= COVERAGE_LIMIT:
+        adjusted = _newton(power_sums((points - anchor) / unit))
     if adjusted is None or not adjusted.relative_noise < LARGEST_NOISE:
-        return direct
-    unit = half_range(points)
-    hard_iron: Array = mid_range(points) + unit * adjusted.centre
+        return fit_direct(points, largest_error_deg=largest_error_deg)
     return MagnetometerFit(
-        FitStatus.ELLIPSOID, False, NEWTON_STEPS, adjusted.soft_iron / unit, hard_iron, direct.coverage
+        FitStatus.ELLIPSOID,
+        False,
+        NEWTON_STEPS,
+        adjusted.soft_iron / unit,
+        anchor + unit * adjusted.centre,
+        least_squares.coverage,
     )
 
 

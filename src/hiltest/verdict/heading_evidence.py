@@ -167,10 +167,10 @@ def read_heading_evidence(tables: Mapping[str, Table]) -> HeadingEvidence | None
         {} if results is None else dict(zip(results.column("calibrator"), results.column_if_any("points"), strict=True))
     )
     return HeadingEvidence(
-        field=_vectors(true_vectors, "field"),
-        gravity=_vectors(true_vectors, "gravity"),
-        magnetometer=_vectors(means, "magnetometer"),
-        accelerometer=_vectors(means, "accelerometer"),
+        field=read_vectors(true_vectors, "field"),
+        gravity=read_vectors(true_vectors, "gravity"),
+        magnetometer=read_vectors(means, "magnetometer"),
+        accelerometer=read_vectors(means, "accelerometer"),
         held={
             str(name): _read_calibrations(row)
             for name, row in zip(
@@ -200,7 +200,8 @@ def _read_calibrations(row: Reals) -> Held:
     )
 
 
-def _vectors(table: Table, name: str) -> Reals:
+def read_vectors(table: Table, name: str) -> Reals:
+    """Return a table's columns ``NAME_x``, ``NAME_y`` and ``NAME_z``, shape (n, 3)."""
     return _numbers(table, [f"{name}_{axis}" for axis in "xyz"])
 
 

@@ -131,6 +131,11 @@ class Explanation:
     """Description of a remainder that is not noise."""
 
     @property
+    def is_complete(self) -> bool:
+        """True if known bugs explain the headings to noise."""
+        return bool(self.causes) and self.is_noise
+
+    @property
     def words(self) -> str:
         """Causes and pattern in words; empty without a cause."""
         words = ", and ".join(cause.words for cause in self.causes)

@@ -12,6 +12,7 @@ from hiltest.run_record.run import Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
+from hiltest.verdict.heading_evidence import read_vectors
 from hiltest.verdict.heading_models import Explanation, Poses, Stage, fit_causes
 
 #: Subjects of such firmware's headings: its own, and those from its calibrated vectors and its calibration alone.
@@ -50,8 +51,7 @@ def diagnose_firmware(
     if still := contradictions.get("still"):
         moves = poses is not None and abs(np.exp(1j * np.radians(poses.answered_deg)).mean()) < _STANDS_STILL
         bugs = fit_causes(poses) if poses and moves else None
-        is_explained = bugs is not None and bool(bugs.causes) and bugs.is_noise
-        return (Cause.KNOWN_BUG, [], bugs) if is_explained else (Cause.STILL, [still], None)
+        return (Cause.KNOWN_BUG, [], bugs) if bugs and bugs.is_complete else (Cause.STILL, [still], None)
     right = [
         source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
     ]
@@ -88,7 +88,7 @@ def _fit_bugs(poses: Poses, *, is_field_right: bool) -> Explanation:
     """Return the bugs; if the firmware shows right vectors, bugs behind them come first."""
     behind = replace(poses, stages=[stage for stage in poses.stages if stage >= Stage.FORMULA])
     bugs = fit_causes(behind) if is_field_right else None
-    return bugs if bugs and bugs.causes and bugs.is_noise else fit_causes(poses)
+    return bugs if bugs and bugs.is_complete else fit_causes(poses)
 
 
 def _read_poses(tables: Mapping[str, Table], limit_deg: float) -> Poses | None:
@@ -99,7 +99,7 @@ def _read_poses(tables: Mapping[str, Table], limit_deg: float) -> Poses | None:
         return None
     stages: Sequence[Stage] = tuple(Stage)
     if vectors is not None and len(vectors.rows) == len(answered):
-        field, gravity = np.hsplit(np.array(vectors.rows, dtype=np.float64), 2)
+        field, gravity = (read_vectors(vectors, name) for name in ("field", "gravity"))
     else:
         stages = (Stage.HEADING, Stage.SEQUENCE)
         angle = np.radians(np.array(headings.column("reference"), dtype=np.float64))
