@@ -40,7 +40,7 @@ PRESSED_AGAIN_S = 5.0
 OPERATORS = {
     'kind = "virtual"': 'kind = "real"',
     'kind = "simulated"': 'kind = "operator"',
-    "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
+    "[358.3, 58.3, 118.3, 178.3, 238.3, 298.3, 328.3, 268.3, 208.3, 148.3, 88.3, 28.3]": "[0, 90, 180, 270]",
     "tumble_points = 300": 'tumble_points = 100\ndpi = "none"',
     # The paced board's own table turns it all round in this time.
     # And its hand is exact, as is the mounting: what is not known of them need not be left to a limit.

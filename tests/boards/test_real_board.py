@@ -148,9 +148,9 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
             mounting_yaw_deg=rig.mounting.yaw_deg,
         )
     assert "all round" in asked[0]
-    assert "\npose 1: turn to heading 0, pitch +0, roll +0" in asked[1]
+    assert "\npose 1: turn to heading 358.3, pitch +0, roll +0" in asked[1]
     assert asked[-1].startswith("3 of 3 known angles are taken.")
-    assert np.allclose(angles.reference_deg, [1.7, 121.7, 241.7])
+    assert np.allclose(angles.reference_deg, [0.0, 240.0, 210.0])
     # The rig's own limit: the operator turned the very table that the simulated one is.
     assert angles.summary("direct").max_deg < 1.8
     assert angles.max_level_deg("uncalibrated") > 1.8

@@ -101,4 +101,4 @@ def test_the_field_of_the_place_on_the_page_is_compared_as_it_shows() -> None:
 
 def test_the_table_has_every_check_in_its_order() -> None:
     names = re.findall(r"^\| ([A-Za-z ]+) \| (?!examines)", PAGE, re.M)
-    assert names == [*HOST_CHECKS, "turntable", "answer", *BOARD_CHECKS, "measured field", "declared field"]
+    assert names == [*HOST_CHECKS, "turntable", "poses", "answer", *BOARD_CHECKS, "measured field", "declared field"]

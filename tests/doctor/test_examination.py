@@ -32,7 +32,7 @@ from hiltest.run_record.exit_codes import ExitCode
 TODAY = date(2026, 6, 1)
 ByName = Callable[[Iterable[Check]], dict[str, Check]]
 StartPtyBoard = Callable[[Rig], Any]
-ALL = (*HOST_CHECKS, "turntable", "answer", *BOARD_CHECKS, "measured field", "declared field")
+ALL = (*HOST_CHECKS, "turntable", "poses", "answer", *BOARD_CHECKS, "measured field", "declared field")
 
 
 @pytest.mark.slow

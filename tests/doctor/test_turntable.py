@@ -15,7 +15,7 @@ from tests.usb_tree import UsbTree
 from hiltest.boards.simulated_grbl import GrblTable
 from hiltest.boards.table_axes import TableAxes
 from hiltest.doctor.check import Check, Health
-from hiltest.doctor.turntable_checks import see_turntable
+from hiltest.doctor.turntable_checks import see_poses, see_turntable
 from hiltest.link import grbl
 from hiltest.orientation.angles import Pose
 from hiltest.rig.bench_files import shipped
@@ -97,3 +97,16 @@ def test_a_table_that_a_hand_turns_has_no_port(tree: UsbTree) -> None:
     rig = load_rig(shipped() / "rigs" / "frdm-k64f.toml")
     result = see_turntable(rig, tree.root)
     assert result.health is Health.NOT_LOOKED_AT
+
+
+@pytest.mark.parametrize("path", sorted((shipped() / "rigs").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_poses_of_every_shipped_rig_tell_all_known_bugs_apart(path: Path) -> None:
+    assert see_poses(load_rig(path)).health is Health.OK
+
+
+@pytest.mark.parametrize("tilts", [((0.0, 0.0),), ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0))])
+def test_poses_without_a_tilt_about_both_axes_are_a_warning(tilts: tuple[tuple[float, float], ...]) -> None:
+    rig = replace(SERVED, procedure=replace(SERVED.procedure, tilts_deg=tilts))
+    check = see_poses(rig)
+    assert check.health is Health.WARNING
+    assert "tilts_deg" in check.remedy

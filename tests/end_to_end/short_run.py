@@ -28,7 +28,7 @@ DEADLINE_S = ATTEMPTS * LONGEST_DEADLINE_S + 1.0
 OF_THE_COURSE = ("board.", "link.retried", "firmware.stack_most")
 
 SHORT = {
-    "headings_deg = [0, 30, 60, 90, 120, 150, 180, 210, 240, 270, 300, 330]": "headings_deg = [0, 90, 180, 270]",
+    "[358.3, 58.3, 118.3, 178.3, 238.3, 298.3, 328.3, 268.3, 208.3, 148.3, 88.3, 28.3]": "[0, 90, 180, 270]",
     "tumble_points = 300": 'tumble_points = 100\ndpi = "none"',
     "temperature_end_degc = 41.0\ntemperature_ramp_s = 150.0\n": "",
 }

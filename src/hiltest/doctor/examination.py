@@ -13,7 +13,7 @@ from hiltest.doctor.board_checks import BOARD_CHECKS, see_identity
 from hiltest.doctor.check import Check, Health, check_from_error, failed, not_looked_at, ok
 from hiltest.doctor.field_checks import model_field, see_declared_field, see_measured_field
 from hiltest.doctor.host_checks import HOST_CHECKS, HostPort, flash_command, host_port
-from hiltest.doctor.turntable_checks import see_turntable
+from hiltest.doctor.turntable_checks import see_poses, see_turntable
 from hiltest.errors import (
     BenchError,
     ConfigError,
@@ -75,6 +75,7 @@ def examine(rig: Rig, *, port: str | None = None, root: Path | None = None, toda
             check = not_looked_at(name, host if isinstance(host, str) else "no board is present")
         yield check
     yield see_turntable(rig, root or machine_root())
+    yield see_poses(rig)
     flash = flash_command(host) if isinstance(host, HostPort) else "on the machine with the board: hiltest flash"
     yield from _board_checks(rig, url, today, flash, usable=usable)
 

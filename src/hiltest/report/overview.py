@@ -23,6 +23,7 @@ from hiltest.verdict.calibrators import (
     heading_as_read,
     is_worse_than_none,
 )
+from hiltest.verdict.exposed_causes import hidden_causes
 from hiltest.verdict.summary import MAY_EXCEED
 from hiltest.verdict.wording import revision
 
@@ -219,6 +220,7 @@ def _provenance(run: Run) -> Iterator[tuple[str, str]]:
     yield "seed", "none" if run.seed is None else str(run.seed)
     yield "suite", run.suite
     yield "poses", run.poses
+    yield "bugs that these poses do not show", hidden_causes(run)
     if run.calibration:
         yield "calibration file", f"{run.calibration.file}, made {run.calibration.made_utc}"
         yield "calibration SHA-256", run.calibration.sha256
