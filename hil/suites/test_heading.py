@@ -229,8 +229,12 @@ def test_headings_are_from_0_to_360(known_angles: KnownAngles) -> None:
     assert not any(outside.values()), f"answered headings outside of 0 to 360 degrees: {outside}"
 
 
-def test_heading_without_calibration(uncalibrated_angles: tuple[KnownAngles, str], measure: Measure) -> None:
+def test_heading_without_calibration(uncalibrated_angles: tuple[KnownAngles | None, str], measure: Measure) -> None:
     known_angles, source = uncalibrated_angles
+    if known_angles is None:
+        for name in ("heading.uncalibrated.max_level", "heading.uncalibrated.max"):
+            measure(name, None, "deg", not_offered="the firmware reports no heading before its calibration")
+        return
     missing, level_deg = known_angles.not_measured, known_angles.max_level_deg(source)
     measure(
         "heading.uncalibrated.max_level",

@@ -99,7 +99,7 @@ FITTED = "        background->iron = iron;\n"
             Edit(
                 "compass/main.c",
                 SAID,
-                f"    state.heading_deg = 30.0f * (float)(int)((state.heading_deg + 13.3f) / 30.0f) + 1.7f;\n{SAID}",
+                f"    state.heading_deg = 30.0f * (float)((int)((state.heading_deg + 15.0f) / 30.0f) % 12);\n{SAID}",
             ),
             "level",
             "",
@@ -133,6 +133,26 @@ def test_a_compass_with_a_mistake_is_red_by_its_name(
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     failed = [measurement["name"] for measurement in record["measurements"] if measurement["outcome"] == "fail"]
     assert red in failed or not red
+
+
+HAS_HEADING = "if (state->has_heading) {"
+
+
+@pytest.mark.parametrize(
+    ("condition", "code"),
+    [("state->has_heading && iron->strength > 0.0f", 0), ("state->has_heading && iron->strength < 0.0f", 23)],
+    ids=["after its calibration", "never"],
+)
+def test_a_compass_is_judged_from_its_calibration_on_if_it_gives_no_heading_before(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, condition: str, code: int
+) -> None:
+    edit = Edit("compass/output_lines.c", HAS_HEADING, f"if ({condition}) {{")
+    elf = copy_of_the_firmware.build_compass(edit, tmp_path / "edited.elf")
+    ended = run_hiltest(tmp_path, "--rig", "text-compass", "--poses", "level", "--firmware", str(elf))
+    assert ended.code == code, ended.output + ended.errors
+    if code == 0:
+        assert ended.measured["heading.uncalibrated.max"]["value"] is None
+        assert ended.value("heading.firmware.max") < 1.3
 
 
 def test_a_compass_that_averages_100_samples_raises_no_alarm(
