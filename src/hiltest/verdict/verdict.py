@@ -153,13 +153,7 @@ class Headline:
 
 
 def headline(run: Run, summary: Summary) -> Headline:
-    """Return the first lines of the reports of a run.
-
-    Parameters
-    ----------
-    summary
-        Summary of the same run.
-    """
+    """Return the first lines of the reports of a run, from its summary."""
     opening, comparison = _opening(run.verdict.outcome, run.comparison), run.comparison
     action = summary.advice[0] if summary.advice else ""
     worse = comparison.differences_with(Change.WORSE) if comparison and comparison.regression else ()

@@ -53,7 +53,7 @@ class FailedHeading:
         """Error over heading: a colour for each tilt, with a curve for the prediction, and the base in grey."""
         errors = [error for pose in self.poses for error in (pose.error_deg, pose.base_deg, pose.predicted_deg)]
         top = 1.15 * max(abs(error) for error in (*errors, self.limit or 0.1) if math.isfinite(error))
-        figure = _axes(self.name, self.poses, self.limit, top, 500.0, 250.0, ("heading [deg]", "error [deg]"))
+        figure = _axes(self.name, self.poses, self.limit, top, 500.0, "heading [deg]", "error [deg]")
         if base := [(pose.heading_deg, pose.base_deg) for pose in self.poses if math.isfinite(pose.base_deg)]:
             figure.series("base", base, mark=Mark.DOT, mark_style="neutral filled", radius=2.5)
         curves = []
@@ -79,17 +79,14 @@ class FailedHeading:
         GitHub removes inline SVG and addresses of data from Markdown.
         """
         tilt, poses = max(self._by_tilt(), key=lambda group: max(abs(pose.error_deg) for pose in group[1]))
-        limit = [] if self.limit is None else [self.limit, -self.limit]
-        lines = [("green", "limit", [bound] * len(poses)) for bound in limit]
-        lines += [
-            (colour, name, values)
-            for colour, name, values in (
-                ("gray", "base", [pose.base_deg for pose in poses]),
-                ("orange", _PREDICTED, [pose.predicted_deg for pose in poses]),
-                ("blue", "this run", [pose.error_deg for pose in poses]),
-            )
-            if all(map(math.isfinite, values))
-        ]
+        bounds = [] if self.limit is None else [self.limit, -self.limit]
+        candidates = (
+            *(("green", "limit", [bound] * len(poses)) for bound in bounds),
+            ("gray", "base", [pose.base_deg for pose in poses]),
+            ("orange", _PREDICTED, [pose.predicted_deg for pose in poses]),
+            ("blue", "this run", [pose.error_deg for pose in poses]),
+        )
+        lines = [candidate for candidate in candidates if all(map(math.isfinite, candidate[2]))]
         top = 1.15 * max(abs(value) for _, _, values in lines for value in values)
         palette = ", ".join(colour for colour, _, _ in lines)
         headings = ", ".join(f'"{pose.heading_deg:g}"' for pose in poses)
@@ -183,28 +180,20 @@ def _without_jumps(poses: Sequence[_Pose]) -> Iterator[list[Point]]:
             yield points[first:last]
 
 
-def _axes(
-    name: str,
-    poses: Sequence[_Pose],
-    limit: float | None,
-    top: float,
-    width: float,
-    height: float,
-    labels: tuple[str, str] = ("", ""),
-) -> Figure:
+def _axes(name: str, poses: Sequence[_Pose], limit: float | None, top: float, width: float, *labels: str) -> Figure:
     """Return the axes of heading errors, with the limit and the largest error in the title."""
     worst = max(poses, key=lambda pose: abs(pose.error_deg), default=None)
     words = f"worst {worst.error_deg:+.2f}° at {worst.heading_deg:.0f}°" if worst else "no pose was answered"
     figure = Figure(
         title=f"{name}: {words}",
         description=f"{len(poses)} poses, {'no limit' if limit is None else f'limit {limit:g} degrees'}",
-        x_label=labels[0],
-        y_label=labels[1],
+        x_label=labels[0] if labels else "",
+        y_label=labels[1] if labels else "",
         x_range=(0, 360),
         y_range=(-top, top),
         x_ticks=(0, 90, 180, 270, 360),
         width=width,
-        height=height,
+        height=250.0 if labels else 170.0,
     )
     figure.limit(limit)
     figure.level(0, "zero")
@@ -212,7 +201,7 @@ def _axes(
 
 
 def _panel(name: str, poses: Sequence[_Pose], limit: float | None, top: float, width: float) -> Figure:
-    figure = _axes(name, poses, limit, top, width, 170.0)
+    figure = _axes(name, poses, limit, top, width)
     beyond = [pose for pose in poses if limit is not None and abs(pose.error_deg) > limit]
     for words, style, mark, shown in (
         ("tilted poses", "tilted hollow", Mark.DOT, [pose for pose in poses if not pose.level and pose not in beyond]),
