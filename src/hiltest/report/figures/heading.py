@@ -21,7 +21,6 @@ from hiltest.verdict.verdict import worst_failure
 _ERROR = "error."
 _MOST = 4
 _HALF_TURN = 180.0
-_AT_EACH_POSE = "Heading error at each pose [deg]"
 _PREDICTED = "predicted by the likely cause"
 
 
@@ -70,7 +69,9 @@ class FailedHeading:
             [f"{pose.heading_deg:g}", pose.tilt, *map(_signed, (pose.error_deg, pose.base_deg, pose.predicted_deg))]
             for pose in self.poses
         ]
-        figure.sheet = Sheet(_AT_EACH_POSE, ["heading", "tilt", "this run", "base", _PREDICTED], rows)
+        figure.sheet = Sheet(
+            f"Errors of {self.name} at each pose [deg]", ["heading", "tilt", "this run", "base", _PREDICTED], rows
+        )
         return figure
 
     def mermaid(self) -> Iterator[str]:
@@ -223,7 +224,7 @@ def _sheet(table: Table, errors: dict[str, list[float]]) -> Sheet:
     poses = zip(*(written(table.column_if_any(name)) for name in ("heading", "pitch", "roll")), strict=True)
     signed = (map(_signed, series) for series in errors.values())
     return Sheet(
-        _AT_EACH_POSE,
+        "Heading error at each pose [deg]",
         ["heading", "pitch", "roll", *errors],
         [[*pose, *cells] for pose, cells in zip(poses, zip(*signed, strict=True), strict=True)],
     )
