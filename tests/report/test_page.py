@@ -181,8 +181,8 @@ def test_the_picture_has_the_errors_of_this_run_of_the_base_and_of_the_likely_ca
     assert cells == [pytest.approx(row, abs=0.006) for row in sorted(rows)]
     curves = re.findall(r'<path class="series-\d" d="([^"]*)"', str(figure.svg()))
     assert len(curves) == len({row[1] for row in figure.sheet.rows})
-    x, y = figure.place(headings[0], predicted[0])
-    assert f"M{x:.1f} {y:.1f}L" in "".join(curves)
+    x, y = figure.place(headings[3], predicted[3])
+    assert f"L{x:.1f} {y:.1f}L" in "".join(curves)
 
 
 def test_a_curve_does_not_join_errors_on_both_sides_of_half_a_turn(red: Run) -> None:
@@ -190,6 +190,19 @@ def test_a_curve_does_not_join_errors_on_both_sides_of_half_a_turn(red: Run) -> 
     svg = str(picture_of(red, jumping).figure.svg())
     tilts = len({row[1] for row in picture_of(red, jumping).figure.sheet.rows})  # type: ignore[union-attr]
     assert len(re.findall(r'<path class="series-\d" d=', svg)) > tilts
+
+
+def test_a_heading_that_got_worse_has_a_picture_and_a_cost_that_failed_has_none(
+    run: Run, findings: Make, good: list[Measurement]
+) -> None:
+    worse = difference("heading.iterative.max", Change.WORSE, 0.5, 0.97, unit="deg")
+    compared = replace(run, comparison=Comparison(SIDE, SIDE, (worse,), (), "1 worse."))
+    picture = failed_heading(compared, summarise(compared))
+    assert picture is not None
+    assert picture.name == "iterative"
+    costly = check("cycles.direct.worst_found", 40_000, unit="cycle", limit=Limit(max=30_000), cycle_model="m")
+    failed = finished(findings(*good, costly))
+    assert failed_heading(failed, summarise(failed)) is None
 
 
 def test_a_comment_has_the_same_picture_as_a_chart_with_a_line_for_each_series(red: Run) -> None:
