@@ -89,6 +89,16 @@ def test_the_base_may_lie_where_the_record_will(base: Path, pytester: pytest.Pyt
     assert pytester.runpytest_inprocess("--hil-baseline=hil-out/run.json").ret == 0
 
 
+def test_the_record_keeps_the_headings_of_the_base_for_its_picture(base: Path, pytester: pytest.Pytester) -> None:
+    content = json.loads((base / "run.json").read_text(encoding="utf-8"))
+    columns = [{"name": "heading", "unit": "deg"}, {"name": "error.direct", "unit": "deg"}]
+    content["tables"] = [{"name": "heading.poses", "columns": columns, "rows": [[0.0, 0.5], [90.0, -0.5]]}]
+    (base / "run.json").write_text(json.dumps(content), encoding="utf-8")
+    assert judged(pytester)[0] == 0
+    (table,) = (table for table in record(pytester)["tables"] if table["name"] == "heading.base_poses")
+    assert table["rows"] == [[0.0, 0.5], [90.0, -0.5]]
+
+
 def test_the_base_may_come_from_environment_and_ini(
     base: Path, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
