@@ -202,7 +202,7 @@ def test_the_job_is_green_for_the_firmware_as_it_was_and_shows_its_report(green:
     folder, ran = green
     assert {name: item.code for name, item in ran.items()} == dict.fromkeys(ran, 0), the_run(ran).said
     run = the_run(ran)
-    assert run.summary.startswith("# PASS\n")
+    assert run.summary.startswith("# May be merged (against hil/baselines/mine.json): PASS\n")
     assert "## Against the baseline" in run.summary
     assert "::error" not in run.said
     record = json.loads((folder / "hil-out" / "run.json").read_text(encoding="utf-8"))

@@ -100,8 +100,8 @@ def test_one_nop_a_point_is_a_regression_that_says_how_many_cycles(
     assert 100 <= result["delta"] <= 300
     assert "worse: cycles.direct." in run.sentence
     assert f" {result['base']:,} -> {result['new']:,} cycles (+{result['delta']}, ".replace(",", " ", 2) in run.sentence
-    assert run.sentence.startswith("REGRESSION. ")
-    assert " Not to be merged (against " in run.sentence
+    assert run.sentence.startswith("Not to be merged (against ")
+    assert "): REGRESSION: 1 worse: cycles.direct." in run.sentence
 
 
 def test_the_same_firmware_is_no_regression_in_the_chosen_tests(run_in, bench: Path) -> None:

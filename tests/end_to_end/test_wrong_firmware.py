@@ -85,7 +85,7 @@ GRAVITY = "row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero"
 
 def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited) -> None:
     ended = run_edited(calibrations_turned(3.0, about="x"))
-    assert "likely cause: rotation (rotated by 3 deg about x, beside its fit in float64)" in ended.output
+    assert "Likely cause: rotation (rotated by 3 deg about x, beside its fit in float64)" in ended.output
 
 
 def test_gravity_in_another_unit_is_red(run_edited: RunEdited) -> None:

@@ -94,7 +94,7 @@ def _largest_errors(tables: Sequence[dict[str, Any]]) -> tuple[float, float]:
 
 def page_row(exhibit: Exhibit, result: Visit) -> str:
     """Return the row of the page for an exhibit."""
-    _, _, cause = result.sentence.partition("Likely cause: ")
+    cause = result.sentence.partition(" Next: ")[0].partition("Likely cause: ")[2]
     verdict = cause or result.sentence.removeprefix("FAIL. ").partition(". ")[0]
     degrees = ["-" if math.isnan(value) else f"{value:.1f}" for value in (result.level_deg, result.tilted_deg)]
     link = f"[{exhibit.project}]({exhibit.report})"

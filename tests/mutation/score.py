@@ -38,8 +38,7 @@ class Found:
     @property
     def first(self) -> str:
         """What stands first: the failures of the verdict with their likely cause, and the first test not green."""
-        answer = re.sub(r"^[A-Z ]+[.:] ", "", self.sentence)
-        # What got worse is said behind what was reached.
+        answer = re.sub(r"^(?:[^:]*: )?[A-Z ]+[.:] ", "", self.sentence)
         clauses = answer.split(". ")
         first = [clause for clause in clauses if clause is clauses[0] or clause.startswith("Likely cause")]
         return f"{answer if self.code == ExitCode.REGRESSION else '. '.join(first)} [{self.first_test}]"

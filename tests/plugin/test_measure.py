@@ -36,7 +36,7 @@ def test_two(measure):
     result = pytester.runpytest_inprocess()
     result.assert_outcomes(failed=1)
     assert result.ret == 1
-    result.stdout.fnmatch_lines(["FAIL. 1 measurement out of its limit.", "  first 3.00 deg (limit 2),*"])
+    result.stdout.fnmatch_lines(["FAIL: 1 of 2 limits missed.", "  first 3.00 deg (limit 2),*"])
     measured = measurements_of(pytester)
     assert measured["first"]["outcome"] == "fail"
     assert measured["second"]["outcome"] == "pass"

@@ -176,7 +176,7 @@ def test_them(points, number, measure):
     result = pytester.runpytest_inprocess("-q")
     output = " ".join(result.stdout.str().split())
     assert result.ret == 1
-    assert "error: test_lamp.py::test_them[0] and 2 more: the firmware contradicts itself" in output
-    assert output.count("error: test_lamp") == 1
+    assert "FAIL: 3 tests failed." in output
+    assert output.count("test_lamp.py::test_them[0] and 2 more: the firmware contradicts itself Next: ") == 1
     assert output.count("which shares the fixture") == 2
     assert output.count("raise FirmwareContradictionError") == 1

@@ -39,7 +39,7 @@ def test_every_repetition_is_recorded_and_the_worst_is_judged(pytester: pytest.P
     assert (worst["lamp.current"]["value"], worst["lamp.current"]["outcome"]) == (5.0, "fail")
     others = [(measurement["name"], measurement["value"]) for measurement in record["other_attempts"]]
     assert others == [("lamp.current", 2.0), ("lamp.voltage", 12.0), ("lamp.current", 4.0), ("lamp.voltage", 12.0)]
-    assert record["verdict"]["sentence"] == "FAIL. lamp.current 5 mA (limit 3)."
+    assert record["verdict"]["sentence"].startswith("FAIL. lamp.current 5 mA (limit 3). Next: ")
 
 
 def test_the_page_shows_the_spread_beside_the_value(pytester: pytest.Pytester) -> None:

@@ -106,13 +106,13 @@ class TestUnfinished:
     ) -> None:
         recorder.release()
         assert report(recorder.folder) == 0
-        sentence = f"CUT SHORT: 1 test finished, {len(good)} measurements kept; the last test was a."
-        assert capsys.readouterr().out.splitlines()[-1] == sentence
+        saved = f"1 test finished, {len(good)} measurements kept; the last test was a."
+        assert capsys.readouterr().out.splitlines()[-1] == f"CUT SHORT: {saved}"
         assert names(recorder.folder) == sorted([*OUTPUT, JOURNAL_FILE])
         page = (recorder.folder / "report.html").read_text(encoding="utf-8")
-        assert sentence in page
+        assert 0 < page.index("CUT SHORT</h1>") < page.index(saved)
         assert [measurement.name for measurement in good if measurement.name not in page] == []
-        assert sentence in (recorder.folder / "report.md").read_text(encoding="utf-8")
+        assert f"# CUT SHORT\n\n{saved}" in (recorder.folder / "report.md").read_text(encoding="utf-8")
 
     def test_one_that_goes_on_says_so(self, recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
         assert report(recorder.folder) == 0

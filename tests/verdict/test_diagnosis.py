@@ -17,6 +17,7 @@ from hiltest.orientation import tilt_heading
 from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.run import Column, Findings, Table, TestResult
+from hiltest.verdict.summary import summarise
 from hiltest.verdict.verdict import decide, unmet_limits
 
 from ..written_run import HEADING_TEST
@@ -126,6 +127,28 @@ class Bench:
 
 def table(name: str, columns: list[str], rows: list[list[object]]) -> Table:
     return Table(name, tuple(Column(column) for column in columns), tuple(tuple(row) for row in rows))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "bench",
+    [
+        Bench(held_scale=rotation_body_from_ned(Pose(0.0, 0.0, 5.0))),
+        Bench(held_offset=[60.0, 0.0, 0.0]),
+        Bench(held_scale=np.diag([1.2, 1.0, 1.0])),
+        Bench(accelerometer_offset=[0.08, 0.0, 0.0]),
+    ],
+    ids=["rotation", "hard iron", "scale", "accelerometer"],
+)
+def test_a_cause_predicts_the_heading_error_at_each_known_angle(findings: Make, bench: Bench) -> None:
+    run = findings(*bench.measurements(), tables=False)
+    run.tables.update((item.name, item) for item in bench.tables())
+    soft_iron, hard_iron = bench.held
+    vectors = (bench.accelerometer, (bench.magnetometer - hard_iron) @ soft_iron.T)
+    headings = [tilt_heading(*pair).heading_deg for pair in zip(*vectors, strict=True)]
+    errors = [heading_error_deg(heading, pose.heading_deg) for heading, pose in zip(headings, POSES, strict=True)]
+    assert np.abs(errors).max() > 3.0
+    # The points' noise and that of the readings are not predicted.
+    assert np.abs(np.array(errors) - summarise(run).predicted_deg["direct"]).max() < 1.2
 
 
 @pytest.fixture

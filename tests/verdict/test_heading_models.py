@@ -72,11 +72,14 @@ def explain(answered_deg: NDArray[np.float64], rows: slice = slice(None)) -> Exp
 @pytest.mark.parametrize("name", BY_NAME)
 def test_every_known_bug_is_named_by_its_headings(name: str, seed: int) -> None:
     bug = BY_NAME[name]
-    explanation = explain(answers(seed, bug))
+    answered = answers(seed, bug)
+    explanation = explain(answered)
     (cause,) = explanation.causes
     assert any(words.partition(" (")[0] == name for words in cause.names), explanation.words
     assert bug.place in cause.places
     assert explanation.is_noise
+    errors = answered - RIGHT.answered_deg - explanation.errors_deg
+    assert np.abs((errors + 180.0) % 360.0 - 180.0).max() < 5.0 * NOISE_DEG
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -18,7 +18,7 @@ from hiltest.verdict.calibrators import cheapest_first
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence import Conditions, Evidence
 from hiltest.verdict.summary import close_to_limit, cost_line, summarise
-from hiltest.verdict.verdict import decide, unmet_limits
+from hiltest.verdict.verdict import decide, headline, unmet_limits
 
 Make = Callable[..., Findings]
 Heading = Callable[..., list[Measurement]]
@@ -143,8 +143,8 @@ def test_a_failed_heading_names_its_cause(
     verdict = decide(run, pytest_exit=1)
     assert f"heading.direct.max {maximum:.2f} deg (limit 1.8)" in verdict.sentence
     assert verdict.sentence.startswith("FAIL. ")
-    assert verdict.sentence.endswith(f"Likely cause: {cause}.")
-    assert len(summarise(run).advice) == 1
+    (advice,) = summarise(run).advice
+    assert verdict.sentence.endswith(f"Likely cause: {cause}. Next: {advice}")
     assert verdict.exit_code == 1
 
 
@@ -167,7 +167,7 @@ def test_a_bad_accelerometer_is_named_before_the_fit(findings: Make, heading: He
     sentence = decide(run, pytest_exit=1).sentence
     first, second = "heading.direct.max 6.10 deg (limit 1.8)", "accelerometer.norm_rms 40 mg (limit 8)"
     assert sentence.startswith(f"FAIL. {first}, {second}, ")
-    assert sentence.endswith("Likely cause: accelerometer.")
+    assert "Likely cause: accelerometer. Next: Calibrate the accelerometer first" in sentence
 
 
 def test_without_a_declared_mounting_only_centred_values_count(findings: Make, heading: Heading) -> None:
@@ -234,7 +234,7 @@ def test_out_of_limit_is_red_whatever_became_of_the_test(findings: Make, good: l
     bad = check("cycles.direct.fixed", 11_061.0, unit="cycle", limit=Limit(max=2_600), cycle_model="m", test="t::t")
     verdict = decide(findings(*good, bad, tests=(TestResult("t::t", TestOutcome(outcome), 1),)), pytest_exit=0)
     assert (verdict.exit_code, verdict.outcome) == (1, "fail")
-    assert verdict.sentence == "FAIL. cycles.direct.fixed 11 061 cycles (limit 2 600)."
+    assert verdict.sentence.startswith("FAIL. cycles.direct.fixed 11 061 cycles (limit 2 600). Next: List the cycles")
 
 
 def test_limits_that_were_left_out_are_said_and_make_nobody_red(findings: Make, good: list[Measurement]) -> None:
@@ -284,7 +284,7 @@ def test_where_the_limit_of_a_calibrator_that_the_firmware_lacks_stands_is_said(
 def test_other_measurements_out_of_limit_are_named(findings: Make, good: list[Measurement]) -> None:
     bad = check("gyroscope.bias_error", 0.4, unit="dps", limit=Limit(max=0.1), test="t.py::test_rest")
     verdict = decide(findings(*good, bad, tests=(TestResult("t.py::test_rest", TestOutcome.FAILED, 1),)), pytest_exit=1)
-    assert verdict.sentence == "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1)."
+    assert verdict.sentence.startswith("FAIL. gyroscope.bias_error 0.4 dps (limit 0.1). Next: ")
 
 
 def test_a_heading_that_is_not_a_number_fails_by_name(findings: Make, heading: Heading) -> None:
@@ -297,7 +297,8 @@ def test_a_test_that_failed_without_a_measurement_is_named(findings: Make, good:
     for name in ("test_echo", "test_echo[a/b]"):
         failed = TestResult(f"hil/suites/test_link.py::{name}", TestOutcome.FAILED, 1, reason="assert 3 == 4")
         sentence = decide(findings(*good, tests=(failed,)), pytest_exit=1).sentence
-        assert sentence == (f"FAIL. Failed: test_link.py::{name} (assert 3 == 4).")
+        action = "Next: Repeat the test alone: hiltest run -- -k test_echo, or pytest -k test_echo."
+        assert sentence == f"FAIL. Failed: test_link.py::{name} (assert 3 == 4). {action}"
 
 
 def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> None:
@@ -313,9 +314,8 @@ def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: li
     lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason="lost /dev/ttyACM0: unplugged.")
     verdict = decide(findings(*good, bad, tests=(lost,)), pytest_exit=1)
     assert verdict.exit_code == 1
-    assert verdict.sentence.endswith(
-        "FAIL. gyroscope.bias_error 0.4 dps (limit 0.1). Connection lost: lost /dev/ttyACM0: unplugged."
-    )
+    assert verdict.sentence.startswith("FAIL. gyroscope.bias_error 0.4 dps (limit 0.1). Next: ")
+    assert verdict.sentence.endswith("Connection lost: lost /dev/ttyACM0: unplugged.")
 
 
 @pytest.mark.parametrize(
@@ -386,9 +386,9 @@ def test_a_comparison_decides_where_nothing_else_has(
     run.comparison = _compared(now, *faults, failed=("test_lamp.py::test_on",) if pytest_exit == 1 else ())
     verdict = decide(run, pytest_exit=pytest_exit)
     assert verdict.exit_code == code
-    assert ("May be merged " in verdict.sentence) == (code == 0)
-    assert ("Not to be merged " in verdict.sentence) == (current_ma == 3.0 and not faults)
-    assert ("Cannot say whether " in verdict.sentence) == bool(faults)
+    assert verdict.sentence.startswith("May be merged ") == (code == 0)
+    assert verdict.sentence.startswith("Not to be merged ") == (current_ma == 3.0 and not faults)
+    assert verdict.sentence.startswith("Cannot say whether ") == bool(faults)
 
 
 def test_the_order_of_measurements_does_not_change_the_sentence(findings: Make, good: list[Measurement]) -> None:
@@ -411,7 +411,43 @@ def test_what_was_in_the_baseline_stands_beside_a_failure(findings: Make) -> Non
     run.comparison = _compared(now)
     (failure,) = summarise(run).failures
     assert failure.was == 2.0
-    assert decide(run, pytest_exit=1).sentence.startswith("FAIL. lamp.current 12 mA (limit 9, was 2).")
+    opening = "Not to be merged (against base.json): FAIL. lamp.current 12 mA (limit 9, was 2). Next: "
+    assert decide(run, pytest_exit=1).sentence.startswith(opening)
+
+
+def test_a_regression_opens_with_the_answer_and_the_worst_change(findings: Make) -> None:
+    now = check("lamp.current", 3.0, unit="mA", limit=Limit(max=9))
+    compared = findings(now)
+    compared.comparison = _compared(now)
+    verdict = decide(compared, pytest_exit=0)
+    change = "lamp.current 2 -> 3 mA (+1, +50 %; limit at most 9)"
+    assert verdict.sentence.startswith(f"Not to be merged (against base.json): REGRESSION: 1 worse: {change}. Next: ")
+    run = compared.finish(verdict, "")
+    first = headline(run, summarise(run))
+    assert first.verdict == "Not to be merged (against base.json): REGRESSION, 1 worse"
+    assert first.number == change
+    assert first.action in verdict.sentence
+
+
+def test_first_lines_are_one_verdict_one_number_one_cause_one_action(findings: Make, heading: Heading) -> None:
+    bad = [*heading("direct", 5.9, limit=1.8, cycles=12_400), *heading("iterative", 6.1, limit=1.8, cycles=203_000)]
+    collected = findings(*bad, tests=(_test("failed"), TestResult("t.py::echo", TestOutcome.FAILED, 1, reason="no")))
+    run = collected.finish(decide(collected, pytest_exit=1), "")
+    summary = summarise(run)
+    verdict, number, cause, action = headline(run, summary).lines
+    assert verdict == "FAIL: 4 of 6 limits missed, 1 test failed."
+    assert number.startswith("heading.iterative.max 6.10 deg (limit 1.8)"), "the worst of all that the cause explains"
+    assert (cause, action) == (f"Likely cause: {summary.causes[0]}.", f"Next: {summary.advice[0]}")
+    assert {failure.cause for failure in summary.failures} == {summary.causes[0]}
+
+
+def test_first_lines_of_a_run_without_failures_are_its_word_and_its_best_results(
+    findings: Make, good: list[Measurement]
+) -> None:
+    run = findings(*good).finish(decide(findings(*good), pytest_exit=0), "")
+    first = headline(run, summarise(run))
+    assert first.verdict == "PASS"
+    assert " ".join(first.lines) == run.verdict.sentence
 
 
 def test_close_is_what_has_5_percent_left_or_a_range_beyond_the_limit_and_no_count() -> None:

@@ -10,18 +10,28 @@ from hiltest.report import overview, stream_overview
 from hiltest.report.comparison_overview import against_baseline
 from hiltest.report.figures.cost import budget_group, cost_group
 from hiltest.report.figures.fusion import fusion_group
-from hiltest.report.figures.heading import heading_group
+from hiltest.report.figures.heading import failed_heading, heading_group
 from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
 from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
 from hiltest.report.page import render
-from hiltest.report.terminal import CHANGE_SEEN, coverage_line, shown_limit, shown_outcome, shown_seen, shown_value
+from hiltest.report.terminal import (
+    CHANGE_SEEN,
+    INCOMPLETE,
+    coverage_line,
+    is_incomplete,
+    shown_limit,
+    shown_outcome,
+    shown_seen,
+    shown_value,
+)
 from hiltest.run_record.files import MARKDOWN_FILE, REPORT_FILE, write_atomically
 from hiltest.run_record.outcomes import RED, TestOutcome
 from hiltest.run_record.run import Run, TestResult, Verdict
 from hiltest.text import format_with_unit, number
 from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, expected_line, summarise
+from hiltest.verdict.verdict import headline
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +50,7 @@ _BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn
 _PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
 _SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not evaluated:")}
 # Sections that are figures, in order; those without data are omitted.
-_FIGURES = (heading_group, budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
+_FIGURES = (budget_group, samples_group, accelerometer_group, gyroscope_group, fusion_group)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +76,9 @@ def write_reports(run: Run, folder: Path) -> str:
 def html_report(run: Run) -> str:
     """Return the page of a run."""
     summary = summarise(run)
+    picture = failed_heading(run, summary)
+    groups = [heading_group(run, drawn=picture.name if picture else ""), *(section(run) for section in _FIGURES)]
+    listed = [*summary.failures, *(Failure(unset, None, "") for unset in summary.unset)]
     return render(
         "report.html.j2",
         run=run,
@@ -76,14 +89,17 @@ def html_report(run: Run) -> str:
         coverage_line=coverage_line(run.coverage) if run.coverage else "",
         baseline=against_baseline(run.comparison),
         title=_title(run),
+        incomplete=INCOMPLETE if is_incomplete(run) else "",
         summary=summary,
-        gating=[*summary.failures, *(Failure(unset, None, "") for unset in summary.unset)],
+        gating=[(failure, summary.other_cause(failure) or failure.measurement.note) for failure in listed],
         troubled=_troubled_tests(run, summary),
         calibrators=overview.accuracy_and_cost(run),
         cost_line=cost_line(run),
         expected_line=expected_line(run),
         cost_figures=cost_group(run),
-        figure_groups=[group for section in _FIGURES if (group := section(run))],
+        first=headline(run, summary),
+        picture=picture and picture.figure,
+        figure_groups=[group for group in groups if group],
         signs=_SIGNS,
         streams=stream_overview,
         stream_stages=stream_overview.stream_stages(run),

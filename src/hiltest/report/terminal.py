@@ -15,6 +15,7 @@ from rich.table import Table as Grid
 
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
+from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.failures import group_by_reason, tests_named
 from hiltest.run_record.files import REPORT_FILE
 from hiltest.run_record.run import CoverageRecord, Run
@@ -28,21 +29,22 @@ from hiltest.verdict.summary import (
     Summary,
     cost_line,
     expected_line,
-    held_to,
     limit_in_words,
     summarise,
     unmeasured_in_words,
 )
-from hiltest.verdict.verdict import headline
+from hiltest.verdict.verdict import failure_in_words, headline, worst_failure
 
 _STYLES = {Outcome.FAIL: "bold red", Outcome.UNSET: "yellow", Outcome.CANNOT_TELL: "yellow", Outcome.NOT_OFFERED: "dim"}
 _INDENT = "  "
 _CHANGES_AT_MOST = 5
+_FAILURES_AT_MOST = 2
 # Folded headings of columns whose numbers are much narrower.
 _FOLDED = {
     WITHOUT_WAITS: "cycles without\nmemory waits\n(ranked)",
     WITH_WAITS: "cycles\nas it runs\nfrom flash",
 }
+INCOMPLETE = "This run is not complete: it was cut short, or tests were left out. Missing measurements were not taken."
 CHANGE_SEEN = "smallest change that a comparison of such a run detects in 4 of 5 cases"
 _WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -74,10 +76,8 @@ def summary(run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, 
         highlight=False,
     )
     run_summary = summarise(run)
-    _print_wrapped(
-        console, headline(run.verdict, run_summary), "bold green" if run.verdict.exit_code == 0 else "bold red"
-    )
-    _print_failures(console, run_summary, run, folder)
+    _print_headline(console, run, run_summary)
+    _print_failures(console, run_summary, run, folder, verbose=verbose)
     _print_calibrators(console, run_summary, expected_line(run))
     _print_close(console, run_summary)
     if verbose:
@@ -92,6 +92,11 @@ def summary(run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, 
         console.print(escape(f"{coverage_line(run.coverage)}: {file}"), soft_wrap=True)
     console.print(escape(f"Report: {shown_path(folder / REPORT_FILE)} ({count}{more})"), soft_wrap=True)
     return text.getvalue()
+
+
+def is_incomplete(run: Run) -> bool:
+    """Return whether measurements may be missing, because the run was cut short or tests were left out."""
+    return not run.verdict.complete or run.chosen
 
 
 def coverage_line(coverage: CoverageRecord) -> str:
@@ -144,19 +149,6 @@ def shown_outcome(measurement: Measurement) -> str:
     return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.may_exceed_limit else str(measurement.outcome)
 
 
-def failure_line(failure: Failure) -> str:
-    """Return a failure in one line: value, limit, value in the baseline, and place of the measurement."""
-    measurement = failure.measurement
-    value = (
-        measurement.note or "no value"
-        if measurement.value is None
-        else format_with_unit(measurement.value, measurement.unit)
-    )
-    place = measurement.place or short_test_id(measurement.test)
-    note = f": {measurement.note}" if measurement.note and measurement.value is not None else ""
-    return f"{measurement.name} {value}" + held_to(measurement, failure.was) + note + (f", {place}" if place else "")
-
-
 def _print_wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:
     """Print a text wrapped at the terminal's width, with unbroken numbers and names."""
     whole = _WITHIN_NUMBER.sub(_NO_BREAK, printable(text))
@@ -171,35 +163,52 @@ def _print_wrapped(console: Console, text: str, style: str = "", indent: str = "
         console.print(escape(line.replace(_NO_BREAK, " ")), style=style, soft_wrap=True)
 
 
-def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder: Path) -> None:
-    printed: set[str] = set()
-    for failure in summary_of_run.failures:
-        _print_wrapped(console, failure_line(failure), "red", _INDENT)
-        if failure.cause and failure.cause not in printed:
-            _print_wrapped(console, f"likely cause: {failure.cause}", indent=2 * _INDENT)
-        printed.add(failure.cause)
-    for reason, tests in group_by_reason(summary_of_run.broken).items():
-        _print_wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}: {reason}", "red", _INDENT)
-    for words in summary_of_run.causes:
-        if words not in printed:
-            _print_wrapped(console, f"likely cause: {words}", indent=2 * _INDENT)
-    for measurement in summary_of_run.unset:
-        status = measurement.outcome if measurement.outcome is Outcome.CANNOT_TELL else "not evaluated"
-        _print_wrapped(console, f"{status}: {measurement.name}: {measurement.note}", "yellow", _INDENT)
+def _print_headline(console: Console, run: Run, summary_of_run: Summary) -> None:
+    lines = headline(run, summary_of_run).lines
+    if run.verdict.exit_code not in (ExitCode.FAILED, ExitCode.REGRESSION):
+        lines = [run.verdict.sentence, *lines[2:]]
+    _print_wrapped(console, lines[0], "bold red" if run.verdict.exit_code else "bold green")
+    for line in lines[1:]:
+        _print_wrapped(console, line, indent=_INDENT)
+
+
+def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder: Path, *, verbose: bool) -> None:
+    """Print the failures below the headline, which names the first: a few of each kind, or all."""
+    first = worst_failure(summary_of_run) if summary_of_run.failures else None
+    failures = [
+        "; likely cause: ".join(filter(None, (failure_in_words(failure), summary_of_run.other_cause(failure))))
+        for failure in summary_of_run.failures
+        if failure is not first
+    ]
+    groups = list(group_by_reason(summary_of_run.broken).items())
+    tests = [f"{tests[0].outcome}: {tests_named(tests)}: {reason}" for reason, tests in groups[first is None :]]
+    unset = [
+        f"cannot tell: {failure_in_words(Failure(measurement, None, ''))}"
+        if measurement.outcome is Outcome.CANNOT_TELL
+        else f"not evaluated: {measurement.name}: {measurement.note}"
+        for measurement in summary_of_run.unset
+    ]
+    for lines, style in ((failures, "red"), (tests, "red"), (unset, "yellow")):
+        most = len(lines) if verbose else _FAILURES_AT_MOST
+        for line in lines[:most]:
+            _print_wrapped(console, line, style, _INDENT)
+        if more := len(lines[most:]):
+            _print_wrapped(console, f"and {more} more in the report", style, _INDENT)
     if summary_of_run.unmeasured:
         _print_wrapped(console, unmeasured_in_words(summary_of_run.unmeasured), "yellow", _INDENT)
-    for reason, tests in group_by_reason(test for test in run.tests if test.outcome.is_of_bench).items():
+    for reason, tests_of_bench in group_by_reason(test for test in run.tests if test.outcome.is_of_bench).items():
         why = "" if reason in run.verdict.sentence else f": {reason}"  # the sentence contains the first reason
-        _print_wrapped(console, f"{tests[0].outcome}: {tests_named(tests)}{why}", "red", _INDENT)
+        line = f"{tests_of_bench[0].outcome}: {tests_named(tests_of_bench)}{why}"
+        _print_wrapped(console, line, "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
-        (trace, test), *more = traces.items()
-        tests_traced = format_count(len(traces), "test") if more else short_test_id(test.id)
-        file = folder / trace
-        _print_wrapped(
-            console, f"wire trace of {tests_traced}: {shown_path(file.parent if more else file)}", indent=_INDENT
-        )
-    for advice in summary_of_run.advice:
-        _print_wrapped(console, f"Next: {advice}")
+        (trace, test), *more_traces = traces.items()
+        tests_traced = format_count(len(traces), "test") if more_traces else short_test_id(test.id)
+        file = shown_path((folder / trace).parent if more_traces else folder / trace)
+        _print_wrapped(console, f"wire trace of {tests_traced}: {file}", indent=_INDENT)
+    if run.verdict.exit_code and is_incomplete(run):
+        _print_wrapped(console, INCOMPLETE, "yellow", _INDENT)
+    for advice in summary_of_run.advice[1:] if verbose else ():
+        _print_wrapped(console, f"Then: {advice}", indent=_INDENT)
 
 
 def _grid() -> Grid:

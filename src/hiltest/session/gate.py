@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hiltest.run_record.comparison import Comparison
+    from hiltest.run_record.run import Table
     from hiltest.session.older_firmware import OlderFirmware
     from hiltest.verdict.evidence import Evidence
 
@@ -126,6 +127,14 @@ class SessionGate:
             say(f"{self._older.elf} runs first; record: {self._older.record}")
             say(f"{self._older.elf}: {self._older.run()}")
             self._gate = read_gate(self._older.folder, in_one_session=True)
+
+    @property
+    def base_poses(self) -> list[Table]:
+        """Headings of the base at the known angles, for the record of the run, if there are any."""
+        from hiltest.verdict.evidence import BASE_POSES_TABLE
+
+        poses = self._gate.base.poses if self._gate is not None and self._gate.base is not None else None
+        return [] if poses is None else [replace(poses, name=BASE_POSES_TABLE)]
 
     @property
     def missing(self) -> str:

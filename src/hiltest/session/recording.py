@@ -128,7 +128,7 @@ class Recording:
         from hiltest.verdict.verdict import decide
 
         hil = self._hil
-        self._recorder.add(hil.end(), ())
+        self._recorder.add(hil.end(), hil.gate.base_poses)
         self._recorder.finish_test(None)
         if hil.divergence and not hil.trouble_reported:
             self._recorder.finish_test(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))

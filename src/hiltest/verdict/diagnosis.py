@@ -33,6 +33,8 @@ class Diagnosis:
     cause: Cause
     words: str
     advice: str = ""
+    predicted_deg: Sequence[float] = ()
+    """Heading errors that the cause predicts at the known angles [deg]; empty if it predicts none."""
 
 
 NOTHING = Diagnosis(Cause.NONE, "")
@@ -83,7 +85,8 @@ def _diagnose_reported(
     cause, details, bugs = diagnose_firmware(measurements, tables)
     if bugs is None:
         return Diagnosis(cause, _append_details(cause, details))
-    return Diagnosis(cause, "; ".join([bugs.words, *details]), f"Check {bugs.places}.")
+    errors = bugs.errors_deg.tolist() if bugs.causes else ()
+    return Diagnosis(cause, "; ".join([bugs.words, *details]), f"Check {bugs.places}.", errors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +149,18 @@ def diagnose(
     cause = Cause.NONE if symptoms is None else name_cause(symptoms)
     if cause is Cause.NONE and is_arithmetic and source is not None:
         cause = Cause.STALE if same_as else OF_SOURCE[source.source]
-    return Diagnosis(cause, _words(suspect, cause, source, same_as=same_as, is_arithmetic=is_arithmetic))
+    words = _words(suspect, cause, source, same_as=same_as, is_arithmetic=is_arithmetic)
+    return Diagnosis(cause, words, predicted_deg=_predicted_errors(suspect, cause, source))
+
+
+def _predicted_errors(suspect: _Suspect, cause: Cause, source: ErrorSource | None) -> Sequence[float]:
+    """Return the heading errors that the named source alone makes at the known angles [deg]; empty without one."""
+    evidence = suspect.evidence
+    if evidence is not None and cause is Cause.ACCELEROMETER:
+        gravity = evidence.accelerometer_source(suspect.name)
+        return evidence.errors_by(gravity[1], of_gravity=True) if gravity else ()
+    is_named = source is not None and cause is not Cause.AXES
+    return evidence.errors_by(source) if evidence is not None and source is not None and is_named else ()
 
 
 def _source(suspect: _Suspect, maximum: Measurement) -> tuple[bool, ErrorSource | None]:

@@ -11,7 +11,7 @@ from hiltest.measurement import Measurement, Tolerance
 from hiltest.run_record.comparison import Revision, Side
 from hiltest.run_record.failures import failed_by_itself
 from hiltest.run_record.outcomes import TestOutcome
-from hiltest.run_record.run import Run
+from hiltest.run_record.run import Run, Table
 from hiltest.text import id_without_repetition
 from hiltest.verdict.statistics import mean_value
 
@@ -19,6 +19,8 @@ Seed = int | None
 """Seed; None for a board that simulates nothing, and the number of the run if such a board ran several times."""
 
 
+POSES_TABLE, BASE_POSES_TABLE = "heading.poses", "heading.base_poses"
+"""Tables with the headings at the known angles: of a run, and in a compared run those of its base."""
 NO_BOARD = "none"
 """Kind of the board if no test needs one."""
 REAL = "real"
@@ -102,6 +104,8 @@ class Evidence:
     """SHA-256 of the record that the numbers come from; for a baseline that of the saved run. Empty if unknown."""
     history: tuple[Accepted, ...] = ()
     """Accepted changes of a baseline, oldest first."""
+    poses: Table | None = None
+    """Headings at the known angles; None for several runs, for a baseline file, and without any."""
 
     @property
     def name(self) -> str:
@@ -145,6 +149,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         failed=failed_by_itself(run),
         suites=run.suites,
         record=sha256,
+        poses=run.table(POSES_TABLE),
     )
 
 

@@ -109,6 +109,17 @@ class HeadingEvidence:
         points = self.points[:n]
         return error_sources(reference.corrected(points), self.held[name].magnetometer.corrected(points))[0]
 
+    def errors_by(self, source: ErrorSource, *, of_gravity: bool = False) -> list[float]:
+        """Return the heading errors [deg] that a source alone makes at the known angles; empty if none is defined."""
+        vectors = self.gravity if of_gravity else self.field
+        if source.source is Source.CONSTANT_TURN:
+            wrong = self.turned(float(source.size[2])).field
+        else:
+            length = math.sqrt(float((vectors**2).sum(axis=1).mean()))
+            wrong = (vectors / length + source.shift) @ np.linalg.pinv(source.gain).T * length
+        errors = self._errors_deg(wrong, self.field) if of_gravity else self._errors_deg(self.gravity, wrong)
+        return [] if errors is None else [float(error) for error in errors]
+
     def same_as(self, name: str) -> str:
         """Return the name of another calibrator whose calibration is stored in place of this one's; may be empty."""
         own = self.held.get(name)

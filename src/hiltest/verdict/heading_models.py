@@ -119,7 +119,7 @@ class FittedCause:
         return " or ".join(self.names[:_NAMED_AT_MOST])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
     """Causes of wrong headings, that of the largest error first."""
 
@@ -129,6 +129,8 @@ class Explanation:
     is_noise: bool
     pattern: str
     """Description of a remainder that is not noise."""
+    errors_deg: Array
+    """Shape (n,). Heading errors that the causes predict at the poses, without isolated ones."""
 
     @property
     def is_complete(self) -> bool:
@@ -251,7 +253,9 @@ def _explanation(poses: Poses, best: _Fit, fits: Sequence[_Fit]) -> Explanation:
     is_noise = remainder_deg <= largest_deg
     if not is_noise and remainder_deg > _MOST_REMAINS * _rms(_wrap(poses.answered_deg - poses.headings_deg())):
         causes = []  # causes that explain so little are none
-    return Explanation(tuple(causes), remainder_deg, is_noise, "" if is_noise else _pattern(poses, errors))
+    predicted_deg = _wrap(best.answers_deg - poses.headings_deg())
+    pattern = "" if is_noise else _pattern(poses, errors)
+    return Explanation(tuple(causes), remainder_deg, is_noise, pattern, predicted_deg)
 
 
 def _are_same(poses: Poses, one: _Fit, other: _Fit) -> bool:

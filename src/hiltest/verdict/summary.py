@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from shlex import quote
 
 from hiltest.measurement import (
     FLASH_TIE,
@@ -14,12 +15,15 @@ from hiltest.measurement import (
     Outcome,
     Section,
     cannot_be_ranked,
+    identify,
     ratio_range,
 )
+from hiltest.run_record.comparison import Change
 from hiltest.run_record.failures import failed_otherwise, out_of_limit
 from hiltest.run_record.run import Findings, Run, TestResult
 from hiltest.text import format_count, format_number, hundredths, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, heading_as_read, value_of
+from hiltest.verdict.causes import Cause
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 from hiltest.verdict.reported_headings import FIRMWARE, next_step
 from hiltest.verdict.wording import entry
@@ -52,7 +56,7 @@ class Failure:
     was: float | None
     """Value in the baseline; None without one."""
     cause: str
-    """Likely cause; empty if unknown."""
+    """Likely cause, in the same words for all failures of its kind; empty if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +87,9 @@ class Summary:
     unmeasured: tuple[Measurement, ...]
     """Limits without a measurement because tests broke off."""
     advice: tuple[str, ...]
-    """Suggested next steps."""
+    """Suggested next steps; that of the first cause comes first."""
+    predicted_deg: Mapping[str, Sequence[float]]
+    """Heading errors [deg] that the likely cause of a calibrator predicts at each known angle, as far as it has any."""
     reference: str
     """Calibrator that the ratios refer to; empty without one."""
     calibrators: tuple[CalibratorLine, ...]
@@ -92,6 +98,10 @@ class Summary:
     """Worst heading error without calibration; None if it was not measured."""
     close: tuple[Measurement, ...]
     """Measurements within `CLOSE` of a limit, or whose uncertainty range crosses it; at most `CLOSE_AT_MOST`."""
+
+    def other_cause(self, failure: Failure) -> str:
+        """Return the cause of a failure, unless it is the first one, which reports name once for all failures."""
+        return "" if failure.cause in self.causes[:1] else failure.cause
 
 
 def summarise(run: Run | Findings) -> Summary:
@@ -104,32 +114,35 @@ def summarise(run: Run | Findings) -> Summary:
     tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
     named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
-    failures = [
-        _failure(measurement, run, causes)
-        for measurement in _sort_failures(failed, reference.name if reference else "")
-    ]
+    in_order = _sort_failures(failed, reference.name if reference else "")
+    of_failures = [causes[subject] for subject in _failed_headings(in_order) if subject in causes]
+    distinct = _distinct_causes([*of_failures, *causes.values()])
+    failures = [_failure(measurement, run, causes, distinct) for measurement in in_order]
     unset = [measurement for measurement in measurements if measurement.outcome in UNDECIDED]
     near = [measurement for measurement in unset if measurement.outcome is Outcome.CANNOT_TELL]
     unmeasured = [measurement for measurement in unset if broken and measurement.value is None and not measurement.test]
-    of_failures = [causes[failure.measurement.subject] for failure in failures if failure.cause]
     differences = run.comparison.differences if run.comparison and (failed or broken) else ()
+    worse = run.comparison.differences_with(Change.WORSE)[:1] if run.comparison and run.comparison.regression else ()
     settings = [entry(difference) for difference in differences if difference.is_changed_setting]
     return Summary(
         failures=tuple(failures),
-        causes=(*settings, *_distinct_causes([*of_failures, *causes.values()])),
+        causes=(*settings, *distinct.values()),
         broken=broken,
         unset=tuple(measurement for measurement in unset if measurement not in unmeasured),
         unmeasured=tuple(unmeasured),
         advice=tuple(
             dict.fromkeys(
                 (
-                    *(cause.advice for cause in causes.values()),
+                    *(cause.advice for cause in [*of_failures, *causes.values()]),
                     *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
                     *([_OF_DOUBT] if near else []),
+                    *(identify(difference.name).next_step for difference in worse if not failed and not broken),
+                    *(_repeat_test(test) for test in broken[:1] if not failed and not causes),
                     *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
                 )
             )
         ),
+        predicted_deg={name: cause.predicted_deg for name, cause in causes.items() if len(cause.predicted_deg)},
         reference=reference.name if reference else "",
         calibrators=tuple(
             CalibratorLine(result, _ratio(run, result, reference))
@@ -141,11 +154,21 @@ def summarise(run: Run | Findings) -> Summary:
     )
 
 
-def _distinct_causes(causes: Sequence[Diagnosis]) -> tuple[str, ...]:
-    return tuple(
-        {cause.cause: cause.words for cause in reversed(causes)}[kind]
-        for kind in dict.fromkeys(cause.cause for cause in causes)
-    )
+def _distinct_causes(causes: Sequence[Diagnosis]) -> dict[Cause, str]:
+    """Return the words of the first cause of each kind."""
+    distinct: dict[Cause, str] = {}
+    for cause in causes:
+        distinct.setdefault(cause.cause, cause.words)
+    return distinct
+
+
+def _failed_headings(failures: Sequence[Measurement]) -> list[str]:
+    return [failure.subject for failure in failures if failure.section in _OF_CALIBRATORS]
+
+
+def _repeat_test(test: TestResult) -> str:
+    name = quote(test.id.rpartition("::")[2].partition("[")[0])
+    return f"Repeat the test alone: hiltest run -- -k {name}, or pytest -k {name}."
 
 
 def unmeasured_in_words(unmeasured: Sequence[Measurement]) -> str:
@@ -249,11 +272,13 @@ def _sort_failures(failed: Sequence[Measurement], reference: str) -> list[Measur
     return sorted(by_kind, key=rank)
 
 
-def _failure(measurement: Measurement, run: Run | Findings, causes: Mapping[str, Diagnosis]) -> Failure:
+def _failure(
+    measurement: Measurement, run: Run | Findings, causes: Mapping[str, Diagnosis], distinct: Mapping[Cause, str]
+) -> Failure:
     differences = run.comparison.differences if run.comparison else ()
     was = next((difference.base for difference in differences if difference.name == measurement.name), None)
     cause = causes.get(measurement.subject) if measurement.section in _OF_CALIBRATORS else None
-    return Failure(measurement, was, cause.words if cause else "")
+    return Failure(measurement, was, distinct[cause.cause] if cause else "")
 
 
 def _ratio(run: Run | Findings, result: CalibratorResult, reference: CalibratorResult | None) -> str:

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 from hiltest.measurement import UNDECIDED, Limit, Measurement, Outcome, Reference, Section, identify
+from hiltest.run_record.comparison import Change, Comparison
 from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
-from hiltest.run_record.failures import (
-    out_of_limit,
-    tests_in_words,
-)
+from hiltest.run_record.failures import group_by_reason, out_of_limit, tests_in_words, tests_named
 from hiltest.run_record.outcomes import RED, TestOutcome
-from hiltest.run_record.run import Findings, TestResult, Verdict
-from hiltest.text import format_count, format_with_unit, join_words, number
+from hiltest.run_record.run import Findings, Run, TestResult, Verdict
+from hiltest.text import format_count, format_with_unit, join_words, number, short_test_id
 from hiltest.verdict.calibrators import (
     MEAN_ERROR,
     UNCALIBRATED,
+    WORST_HEADING,
     CalibratorResult,
     has_no_number,
     value_of,
 )
+from hiltest.verdict.evidence import POSES_TABLE
 from hiltest.verdict.reported_headings import FIRMWARE, costs_in_words, parts_in_words
 from hiltest.verdict.summary import Failure, Summary, held_to, ratio_in_words, summarise, unmeasured_in_words
-from hiltest.verdict.wording import sentence
-
-POSES_TABLE = "heading.poses"
+from hiltest.verdict.wording import answer_in_words, entry, reasons
 
 TIE_DEG = 0.1
 """Worst headings this close count as equal: a tenth of the resolution of a compass limit of 1 or 2 degrees."""
@@ -79,7 +78,7 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
         return pytest_exit
     # A measurement out of its limit is red even if its test is skipped afterwards.
     outcomes = {test.outcome for test in findings.tests}
-    if _has_red_test(findings) or _failed_measurements(findings):
+    if _has_failed(findings):
         return ExitCode.FAILED
     if TestOutcome.WRONG_FIRMWARE in outcomes:
         return ExitCode.WRONG_FIRMWARE
@@ -93,68 +92,123 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
 
 
 def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
-    """Compose the verdict: the word, the failures or the accuracy, and the limits that were not evaluated."""
-    word, against_base = word.upper(), _base_sentence(findings)
-    if stopped := _stop_reason(findings):
+    """Compose the verdict: answer and word, failures, cause and next step, accuracy, and limits not evaluated.
+
+    A comparison names its changes before everything else, unless the run itself failed: it then ends with their count.
+    """
+    opening, comparison, failed = _opening(word, findings.comparison), findings.comparison, _has_failed(findings)
+    stopped = _stop_reason(findings)
+    changes = f"{reasons(comparison, beside_failures=failed)}." if comparison else ""
+    counts = f"Changes: {changes}" if changes else ""
+    if stopped:
         saved = f"{format_count(len(findings.measurements), 'measurement')} kept."
-        return " ".join(filter(None, (f"{word}: {stopped} {saved}", against_base)))
+        return " ".join(filter(None, (f"{opening}: {stopped} {saved}", counts)))
     summary = summarise(findings)
     poses = findings.tables.get(POSES_TABLE)
-    reached = "" if summary.failures or summary.broken else _best_results(summary, len(poses.rows) if poses else 0)
+    is_red = failed or (comparison is not None and comparison.regression)
     return " ".join(
         filter(
             None,
             (
-                f"{word}.",
+                f"{opening}." if failed or not changes else f"{opening}: {changes}",
                 failures_in_words(summary.failures),
                 tests_in_words(summary.broken),
                 _cause_sentence(summary.causes),
-                _not_evaluated(summary, findings, word),
+                f"Next: {summary.advice[0]}" if is_red and summary.advice else "",
+                _not_evaluated(summary, findings, word.upper()),
                 _as_sentence(unmeasured_in_words(summary.unmeasured)),
-                reached,
+                "" if is_red else _best_results(summary, len(poses.rows) if poses else 0),
                 *(
                     f"{test.outcome.capitalize()}: {_end_with_period(test.reason)}"
                     for test in _bench_failures(findings)[:1]
                 ),
                 _left_out_words(left_out),
-                against_base,
+                counts if failed else "",
             ),
         )
     )
 
 
-def headline(verdict: Verdict, summary: Summary) -> str:
-    """Return the sentence of a verdict for use above a list of the failures: it counts them instead of naming them.
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """First lines of every report, in this order; an empty line is left out."""
 
-    Parameters
-    ----------
-    summary
-        Summary of the same run.
-    """
-    failures, broken = len(summary.failures), len(summary.broken)
-    out = f"{format_count(failures, 'measurement')} out of {'its limit' if failures == 1 else 'their limits'}."
-    words = verdict.sentence
-    for named, instead in (
-        (failures_in_words(summary.failures), out),
-        (tests_in_words(summary.broken), f"{format_count(broken, 'test')} failed."),
-        (_cause_sentence(summary.causes), ""),
-        (_as_sentence(unmeasured_in_words(summary.unmeasured)), ""),
-    ):
-        if named:
-            words = words.replace(f" {named}", f" {instead}".rstrip())
-    return words
+    verdict: str
+    """Answer of the comparison, if there is one, the verdict's word, and the number of failures."""
+    number: str
+    """Measurement that decides, with its limit and its value in the baseline; of a green run the best results."""
+    cause: str
+    """Likely cause."""
+    action: str
+    """Next step."""
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines as sentences."""
+        cause = self.cause and f"Likely cause: {self.cause}."
+        return [
+            _end_with_period(self.verdict),
+            *filter(None, (self.number, cause, self.action and f"Next: {self.action}")),
+        ]
+
+
+def headline(run: Run, summary: Summary) -> Headline:
+    """Return the first lines of the reports of a run, from its summary."""
+    opening, comparison = _opening(run.verdict.outcome, run.comparison), run.comparison
+    action = summary.advice[0] if summary.advice else ""
+    worse = comparison.differences_with(Change.WORSE) if comparison and comparison.regression else ()
+    is_red = run.verdict.exit_code in (ExitCode.FAILED, ExitCode.REGRESSION)
+    if is_red and summary.failures:
+        number = failure_in_words(worst_failure(summary))
+    elif is_red and summary.broken:
+        (reason, tests), *_ = group_by_reason(summary.broken).items()
+        number = f"{tests_named(tests)}: {reason}"
+    elif is_red and worse:
+        number = entry(worse[0])
+    else:
+        words = run.verdict.sentence.removeprefix(opening).removeprefix(run.verdict.outcome.upper())
+        return Headline(opening, words.lstrip(".: "), "", action)
+    limits = sum(measurement.limit is not None for measurement in run.measurements)
+    counts = (
+        f"{len(summary.failures)} of {format_count(limits, 'limit')} missed" if summary.failures else "",
+        f"{format_count(len(summary.broken), 'test')} failed" if summary.broken else "",
+        f"{len(worse)} worse" if worse else "",
+    )
+    verdict = f"{opening}{', ' if comparison else ': '}{', '.join(filter(None, counts))}"
+    return Headline(verdict, number, join_words(summary.causes, 1), action)
+
+
+def worst_failure(summary: Summary) -> Failure:
+    """Return the failure that stands for all with the same cause: of the worst headings the largest."""
+    first = summary.failures[0]
+    alike = [
+        failure
+        for failure in summary.failures
+        if failure.cause == first.cause and failure.measurement.kind is first.measurement.kind is WORST_HEADING
+    ]
+    return max(alike, key=lambda failure: round(value_of(failure.measurement) or 0.0, 2), default=first)
+
+
+def failure_in_words(failure: Failure) -> str:
+    """Return a failure in one line: value, limit, value in the baseline, and place of the measurement."""
+    measurement = failure.measurement
+    place = measurement.place or short_test_id(measurement.test)
+    note = f": {measurement.note}" if measurement.note and measurement.value is not None else ""
+    value = f"{measurement.name} {_value(measurement) or 'no value'}{held_to(measurement, failure.was)}"
+    return f"{value}{note}" + (f", {place}" if place else "")
+
+
+def _opening(word: str, comparison: Comparison | None) -> str:
+    """Return the answer of the comparison, if there is one, and the word of the verdict."""
+    return f"{answer_in_words(comparison)}: {word.upper()}" if comparison else word.upper()
 
 
 def _as_sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}." if words else ""
 
 
-def _base_sentence(findings: Findings) -> str:
-    """Return the sentence of the comparison; if the run itself failed, changes are only counted."""
-    if findings.comparison is None:
-        return ""
-    failed = _failed_measurements(findings) or _has_red_test(findings)
-    return sentence(findings.comparison, beside_failures=True) if failed else findings.comparison.sentence
+def _has_failed(findings: Findings) -> bool:
+    return bool(_failed_measurements(findings)) or _has_red_test(findings)
 
 
 def _best_results(summary: Summary, poses: int) -> str:
@@ -265,7 +319,7 @@ def _lacks_mounting(measurement: Measurement) -> bool:
 def _stop_reason(findings: Findings) -> str:
     """Return why the bench or the firmware ended the run; empty if neither did."""
     stopped = _bench_failures(findings)
-    if not stopped or _has_red_test(findings) or _failed_measurements(findings):
+    if not stopped or _has_failed(findings):
         return ""
     return _end_with_period(stopped[0].reason)
 

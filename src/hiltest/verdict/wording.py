@@ -123,25 +123,33 @@ def moved_percent(difference: Difference) -> float | None:
     return 100.0 * difference.delta / abs(difference.base)
 
 
-def sentence(comparison: Comparison, *, beside_failures: bool = False) -> str:
-    """Return a comparison in one sentence: the answer, the base, and the reasons.
+def sentence(comparison: Comparison) -> str:
+    """Return a comparison in one sentence: the answer, the base, and the reasons."""
+    return f"{answer_in_words(comparison)}: {reasons(comparison)}."
+
+
+def answer_in_words(comparison: Comparison) -> str:
+    """Return the answer and the base.
+
+    Examples
+    --------
+    ``Not to be merged (against base.json)``
+    """
+    chosen = " as far as the chosen tests show" if comparison.answer is Answer.MAY and comparison.chosen else ""
+    return f"{comparison.answer.capitalize()}{chosen} (against {comparison.base.file})"
+
+
+def reasons(comparison: Comparison, *, beside_failures: bool = False) -> str:
+    """Return the reasons of a comparison's answer: failures, obstacles, and changes.
 
     Parameters
     ----------
     beside_failures
-        True if it follows the run's own failures: they are not repeated, and changes are only counted.
+        True if they follow the run's own failures: these are not repeated, and changes are only counted.
     """
-    answer = comparison.answer.capitalize()
-    if comparison.answer is Answer.MAY and comparison.chosen:
-        answer += " as far as the chosen tests show"
     if beside_failures:
         parts = [_first_obstacle(comparison), *_counts(comparison, named=False)]
-        return f"{answer} (against {comparison.base.file}): {'; '.join(filter(None, parts)) or 'nothing measured'}."
-    return f"{answer} (against {comparison.base.file}): {reasons(comparison)}."
-
-
-def reasons(comparison: Comparison) -> str:
-    """Return the reasons of a comparison's answer: failures, obstacles, and changes."""
+        return "; ".join(filter(None, parts)) or "nothing measured"
     worse = (
         {entry(difference) for difference in comparison.differences_with(Change.WORSE)}
         if comparison.evaluated

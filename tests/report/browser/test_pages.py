@@ -146,6 +146,27 @@ def test_the_keyboard_reaches_the_results_and_every_box_that_scrolls(
         assert all(item == ["scroll", 0] for item in wide)
 
 
+def test_a_link_of_the_contents_opens_its_folded_section(browser: Browser, red: Run, tmp_path: Path) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.goto(written(red, tmp_path).as_uri())
+    assert page.locator("details[open]").count() == 0
+    page.locator('nav a[href="#failures"]').click()
+    assert page.locator("details[open] > section").get_attribute("id") == "failures"
+    page.close()
+
+
+def test_a_telephone_shows_what_broke_and_the_next_step_on_its_first_screen(
+    browser: Browser, red: Run, tmp_path: Path
+) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.goto(written(red, tmp_path).as_uri())
+    box = page.locator(".verdict").first.bounding_box()
+    assert box is not None
+    assert "Next:" in page.locator(".verdict").first.inner_text()
+    assert box["y"] + box["height"] < 844
+    page.close()
+
+
 def test_on_paper_everything_is_unfolded_and_dark_on_light(browser: Browser, everything: Run, tmp_path: Path) -> None:
     page = browser.new_page(color_scheme="dark")
     page.goto(written(everything, tmp_path).as_uri())

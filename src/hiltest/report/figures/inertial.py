@@ -10,7 +10,7 @@ from hiltest.report.figures.section import Drawing, FigureGroup, numbers, panel_
 from hiltest.report.marks import Mark
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Run
-from hiltest.verdict.verdict import POSES_TABLE
+from hiltest.verdict.evidence import POSES_TABLE
 
 FACES_TABLE, NOISE_TABLE = "accelerometer.six_position.poses", "gyroscope.noise_density"
 _AXES = "xyz"
