@@ -179,8 +179,8 @@ def headline(run: Run, summary: Summary) -> Headline:
 
 
 def worst_failure(summary: Summary) -> Failure:
-    """Return the failure that stands for all with the same cause: of the worst headings the largest."""
-    first = summary.failures[0]
+    """Return the failure that stands for all: the first one that the likely cause explains; of headings the largest."""
+    first = next((failure for failure in summary.failures if failure.cause), summary.failures[0])
     alike = [
         failure
         for failure in summary.failures
