@@ -152,9 +152,12 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     # Gravity is of an instant that looks at the sensors bound, and when these come hangs on the bytes on the line:
     # 0.1 ms of a tumble of 560 deg/s are 0.06 degrees.
     of_an_instant = {item for item in same if item.startswith(("fit.dpi.", "heading.dpi."))}
-    assert {name: full[name]["value"] for name in same - of_an_instant} == {
-        name: gate[name]["value"] for name in same - of_an_instant
-    }
+    # Looks at the sensors belong to a request, and their number hangs on the time of its bytes.
+    of_requests = {item for item in same if item.endswith(".request") or item == "cycles.collect.point"}
+    for name in of_requests:
+        assert full[name]["value"] == pytest.approx(gate[name]["value"], abs=500, rel=0.05)
+    exact = same - of_an_instant - of_requests
+    assert {name: full[name]["value"] for name in exact} == {name: gate[name]["value"] for name in exact}
     for name in ("heading.dpi.max", "heading.dpi.rms", "fit.dpi.rotation_left", "fit.dpi.dip"):
         assert full[name]["value"] == pytest.approx(gate[name]["value"], abs=0.15)
 

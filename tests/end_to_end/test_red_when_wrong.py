@@ -27,7 +27,7 @@ WARMING_UP = "temperature_degc = 33.0\ntemperature_end_degc = 41.0\ntemperature_
 # Six faces take any offset off: what one does to a heading shows where they are left out.
 NO_FACES = ('accelerometer_calibration = "six-position"', 'accelerometer_calibration = "none"')
 MOUNTING = """[mounting]
-yaw_deg = 1.7                             # board heading = table heading + this, at every tilt
+yaw_deg = 1.7                             # board heading less table heading, at every tilt
 uncertainty_deg = 0.2
 """
 
