@@ -41,7 +41,7 @@ def bench(tmp_path: Path) -> Path:
         ((), "0 of 1 seeds pass (not: 1): FAIL."),
         (
             ("--baseline", "base"),
-            "0 of 1 seeds pass (not: 1): FAIL. * (against base/run.json): *: no record on seed 1: *",
+            "* (against base/run.json): *: no record on seed 1: * 0 of 1 seeds pass (not: 1): FAIL.",
         ),
     ],
     ids=["no gate", "a gate"],

@@ -341,7 +341,7 @@ def campaign_exit_code(results: Sequence[SeedResult], *, may_fail: int, comparis
 def campaign_sentence(
     results: Sequence[SeedResult], spreads: Sequence[Spread], *, may_fail: int, comparison: Comparison | None = None
 ) -> str:
-    """Return the number of seeds that passed, the worst headings, and the result of the comparison."""
+    """Return the result of the comparison, the number of seeds that passed, and the worst headings."""
     passed = sum(result.exit_code == 0 for result in results)
     failed = [result.seed for result in results if result.exit_code]
     which = f" (not: {_seed_list(failed)})" if failed else ""
@@ -356,7 +356,7 @@ def campaign_sentence(
     ]
     word = _word(results, may_fail=may_fail, comparison=comparison).upper()
     sentence = "; ".join([f"{passed} of {len(results)} seeds pass{which}{allowed}", *headings]) + f": {word}."
-    return sentence if comparison is None else f"{sentence} {comparison.sentence}"
+    return sentence if comparison is None else f"{comparison.sentence} {sentence}"
 
 
 def _inexcusable_seeds(results: Sequence[SeedResult]) -> list[int]:
