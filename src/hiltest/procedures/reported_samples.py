@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 from typing import TypeAlias
 
 import numpy as np
@@ -27,14 +27,17 @@ _LONGEST_WAIT_S = 0.13  # from the last sample of a line until the line is read:
 _MOST_IN_A_MEAN = 32
 _GROSS = 1e-3  # deviation that counts, as a share of the samples' range
 _FAR = 10.0  # deviation that counts without an explanation, as a multiple of a gross one
+_MOVES = 50.0  # range of samples that move, as a multiple of a gross deviation
 _ROUNDING = 0.6  # deviation by rounding, in units of the last digit
 _HOLDS = 0.6  # share of lines for which a relation must hold
 _BETTER = 0.02  # share of lines by which a relation must be better than a simpler one
+_CLIPPED = 0.02  # samples beyond an end at which they are clipped, as a share of their range
 _STILL = 0.05  # range of an axis that does not move, as a share of that of the samples
 _FEWEST_AT_A_LIMIT, _SHARE_AT_A_LIMIT = 4, 0.02
 _MOST_ISOLATED = 0.3
 _SHARE_OF_RIGHT = 0.1  # share of exact readings that shows how many samples a reading is the mean of
 _MOST_WRONG = 40
+_MOST_COMBINED = 12
 _STICKS_OUT = 10.0  # deviation of an outlier from its neighbours, as a multiple of the median deviation
 _DRIVER = "registers, order of the axes and signs in the driver of the {}, beside the data sheet"
 _BYTES = "order of the bytes in the driver of the {}: big or little endian"
@@ -65,6 +68,11 @@ class SampleFault:
     words: str
     place: str
     """Part of the firmware to check."""
+
+    @classmethod
+    def of(cls, sensor: str, words: str, place: str) -> SampleFault:
+        """Return a fault with the name of the sensor in its words."""
+        return cls(words.format(sensor), place.format(sensor))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +108,7 @@ def describe_samples(sensor: str, unit: tuple[float, str], lines: Lines, *, is_m
     else:
         compared = [_Comparison(sensor, unit, lines, samples) for samples in lines.delivered if len(samples) > 1]
         best = min(compared, key=lambda comparison: -comparison.share, default=None)
-        faults = best.faults(is_moving=is_moving) if best else []
+        faults = best.faults() if best else []
     return tuple(faults)
 
 
@@ -129,29 +137,24 @@ def _relations(counts: Array, readings: Array, unit: tuple[float, str]) -> Itera
     """Return the relations that are tried for an axis, the simplest first."""
     per_unit, name = unit
     for low, high in ((readings.min(), readings.max()), (-np.abs(readings).max(), np.abs(readings).max())):
-        ends = high / per_unit if -low == high else (low / per_unit, high / per_unit)
-        words = f"+-{ends:.4g} {name}" if isinstance(ends, float) else f"{ends[0]:.4g} and {ends[1]:.4g} {name}"
-        yield f"is clipped at {words}", _RANGE, np.clip(counts, low, high)
+        is_beyond = counts.min() < low - _CLIPPED * np.ptp(counts), counts.max() > high + _CLIPPED * np.ptp(counts)
+        ends = [f"{end / per_unit:.4g}" for end, beyond in zip((low, high), is_beyond, strict=True) if beyond]
+        words = f"+-{ends[1]}" if low == -high and len(ends) == 2 else " and ".join(ends)
+        yield f"is clipped at {words} {name}", _RANGE, np.clip(counts, low, high)
     for bits in range(17, 5, -1):
         period = 2.0**bits
-        yield (
-            f"overflows at +-{period / 2.0 / per_unit:.4g} {name}, {period:g} counts",
-            _TYPE,
-            (counts + period / 2.0) % period - period / 2.0,
-        )
-        wrapped = (counts % period, -(-counts % period))
-        yield from (
-            (f"is read as unsigned, negative values are {period / per_unit:.4g} {name} more", _TYPE, one)
-            for one in wrapped
-        )
+        half = period / 2.0
+        yield f"overflows at +-{half / per_unit:.4g} {name}, {period:g} counts", _TYPE, (counts + half) % period - half
+        words = f"is read as unsigned, negative values are {period / per_unit:.4g} {name} more"
+        yield from ((words, _TYPE, wrapped) for wrapped in (counts % period, -(-counts % period)))
     for shift in range(3):
         for one in (_exchange_bytes(counts, shift), -_exchange_bytes(-counts, shift)):
             yield "has its two bytes exchanged", _BYTES, one
     yield "has lost its sign", _TYPE, np.abs(counts)
     for bits in range(4, 13):
         step = 2.0**bits
-        for one in (np.floor(counts / step) * step, np.ceil(counts / step) * step, np.trunc(counts / step) * step):
-            yield f"has lost its low bits, steps of {step / per_unit:.4g} {name}", _TYPE, one
+        words = f"has lost its low bits, steps of {step / per_unit:.4g} {name}"
+        yield from ((words, _TYPE, step * cut(counts / step)) for cut in (np.floor, np.ceil, np.trunc))
 
 
 _Corrupt: TypeAlias = Callable[[Array, Array], Sequence[Array]]
@@ -214,8 +217,9 @@ class _Comparison:
         is_last = np.append(np.diff(lines.time_s) > 0.0, True)  # others of the same reading may have waited
         used = np.flatnonzero(is_last & (places[:, -1] >= self._most))
         used = used[:: 1 + len(used) // _MOST_LINES]
-        self.places, self.readings, self.time_s = places[used], lines.counts[used], lines.time_s[used]
-        self.counts = samples[:, 1:]
+        first = max(int(places[used].min(initial=len(samples))) - self._most - 1, 0)  # those before are of no use
+        self.places, self.readings, self.time_s = places[used] - first, lines.counts[used], lines.time_s[used]
+        self.counts = samples[first:, 1:]
         self.exact = _ROUNDING * lines.last_digit + 1e-3
         self.gross = max(self.exact, _GROSS * float(np.ptp(self.counts, axis=0).max()))
         tried = {size: self._relations_of_axes(size) for size in range(1, self._most + 1)} if len(used) else {}
@@ -256,93 +260,96 @@ class _Comparison:
             rows.append(next(row for row in tried if row[0] >= most - _BETTER))
         return rows
 
-    def faults(self, *, is_moving: bool) -> list[SampleFault]:
+    def faults(self) -> list[SampleFault]:
         """Return the faults, those of whole axes first."""
-        if not len(self.readings) or np.ptp(self.counts, axis=0).max() <= 8.0 * self.gross:
+        if not len(self.readings):
             return []
-        ranges, of_samples = np.ptp(self.readings, axis=0), np.ptp(self.counts, axis=0)
-        scale = min(1.0, float(ranges.max() / of_samples.max()))
-        still = [axis for axis in range(3) if ranges[axis] <= _STILL * scale * of_samples[axis]]
-        if (frozen := self._frozen()) is not None:
-            return [frozen]
-        faults = [
-            SampleFault(
-                f"the {'xyz'[axis]} axis of the {self.sensor} does not move: it stays at "
-                f"{np.median(self.readings[:, axis]) / self.unit[0]:.3g} {self.unit[1]}",
-                _DRIVER.format(self.sensor),
-            )
-            for axis in still
-        ]
-        moving = [axis for axis in range(3) if axis not in still]
-        of_axes = [self.axes[axis] for axis in moving]
+        of_samples = np.ptp(self._means(self.counts, 1), axis=(0, 1))
+        if of_samples.max() <= _MOVES * self.gross:
+            return []
+        if frozen := self._frozen():
+            return frozen
+        ranges = np.ptp(self.readings, axis=0) / min(1.0, float(np.ptp(self.readings, axis=0).max() / of_samples.max()))
+        moves = of_samples > _MOVES * self.gross
+        still = [axis for axis in range(3) if moves[axis] and ranges[axis] <= _STILL * of_samples[axis]]
+        if any(
+            relation[0].startswith("is clipped") for axis, (*_, relation) in enumerate(self.axes) if axis not in still
+        ):
+            still = []  # it stays at the same end
+        faults = [_still_axis(self.sensor, self.unit, self.readings, axis) for axis in still]
+        of_axes = [self.axes[axis] for axis in range(3) if axis not in still]
         holds = all(share >= _HOLDS for share, *_ in of_axes)
         is_plain = holds and not any(relation[0] for *_, relation in of_axes)
-        if not is_plain and not still and (scaled := self._scale()) is not None:
-            return [scaled]
-        if holds and not is_plain:
-            return faults + self._of_axes(moving)
-        if still:
-            return faults
+        if not is_plain and not still and (scaled := self._scale()):
+            return scaled
+        if still or not is_plain:
+            return faults + (self._of_axes(still) if holds else [] if still else self._corrupt())
         sources = [(source, sign) for _, source, sign, _ in of_axes]
-        if holds and sources != [(0, 1.0), (1, 1.0), (2, 1.0)]:
-            words = f"axes of the {self.sensor} (x, y and z are {_axes_in_words(*zip(*sources, strict=True))})"
-            return [SampleFault(words, _DRIVER.format(self.sensor))]
-        return self._corrupt(is_moving=is_moving)
+        if sources == [(0, 1.0), (1, 1.0), (2, 1.0)]:
+            return self._corrupt()
+        words = f"axes of the {{}} (x, y and z are {_axes_in_words(*zip(*sources, strict=True))})"
+        return [SampleFault.of(self.sensor, words, _DRIVER)]
 
-    def _of_axes(self, axes: Sequence[int]) -> list[SampleFault]:
-        """Return the relations of axes, one fault for those with the same."""
+    def _of_axes(self, still: Sequence[int]) -> list[SampleFault]:
+        """Return the relations of the axes that move, one fault for those with the same."""
         by_words: dict[tuple[str, str], list[str]] = {}
-        for axis in axes:
-            _, _, _, (words, place, _) = self.axes[axis]
-            if words:
-                by_words.setdefault((words, place), []).append("xyz"[axis])
+        for axis, (_, _, _, (words, place, _)) in zip("xyz", self.axes, strict=True):
+            if words and "xyz".index(axis) not in still:
+                by_words.setdefault((words, place), []).append(axis)
         faults = []
         for (words, place), names in by_words.items():
             which = "" if len(names) == 3 else f"{' and '.join(names)} {'axes' if len(names) > 1 else 'axis'} of the "
             verb, _, rest = words.partition(" ")
-            verb = {"is": "are", "has": "have", "overflows": "overflow"}[verb] if len(names) == 2 else verb
-            faults.append(SampleFault(f"the {which}{self.sensor} {verb} {rest}", place.format(self.sensor)))
+            if len(names) == 2:
+                verb = {"is": "are", "has": "have", "overflows": "overflow"}[verb]
+                rest = f" {rest}".replace(" its ", " their ")[1:]
+            faults.append(SampleFault.of(self.sensor, f"the {which}{{}} {verb} {rest}", place))
         return faults
 
-    def _frozen(self) -> SampleFault | None:
+    def _frozen(self) -> list[SampleFault]:
         """Return the fault of readings that stay the same at the end while the samples change."""
         changed = np.flatnonzero(np.any(self.readings != self.readings[-1], axis=1))
         first = int(changed[-1]) + 1 if len(changed) else 0
         if len(self.readings) - first < FEWEST_LINES:
-            return None
+            return []
         samples = self.counts[self.places[first, -1] : self.places[-1, 0]]
-        if len(samples) < 2 or np.ptp(samples, axis=0).max() <= 8.0 * self.gross:
-            return None
+        if np.ptp(self._means(self.counts, 1)[first:], axis=(0, 1)).max() <= _MOVES * self.gross:
+            return []
         since = f" after {self.time_s[first]:.0f} s" if first else ""
-        return SampleFault(
-            f"frozen samples of the {self.sensor}{since}: one value, while {len(samples)} others were delivered",
-            _FRESH.format(self.sensor),
-        )
+        words = f"frozen samples of the {{}}{since}: one value, while {len(samples)} others were delivered"
+        return [SampleFault.of(self.sensor, words, _FRESH)]
 
-    def _scale(self) -> SampleFault | None:
-        """Return the fault of readings that are samples by another scale, the same or another one for each axis."""
-        best: tuple[float, Array] = (0.0, np.ones(3))
-        for size in range(1, self._most + 1):
+    def _scale(self) -> list[SampleFault]:
+        """Return the fault of readings that are multiples of the samples, or that have an offset."""
+        readings, best = self.readings[:, None], (0.0, "")
+        for size, is_factor in product(range(1, self._most + 1), (True, False)):
             means = self._means(self.counts, size)
-            factors = (means * self.readings[:, None]).sum(axis=0) / (means**2).sum(axis=0)  # (lags, 3)
-            factor = factors[np.abs(factors * means - self.readings[:, None]).sum(axis=(0, 2)).argmin()]
-            for _ in range(3):
-                away = np.abs(factor * means - self.readings[:, None]).max(axis=2)
-                nearest = means[np.arange(len(means)), away.argmin(axis=1)]
-                factor = (nearest * self.readings).sum(axis=0) / (nearest**2).sum(axis=0)
-            tolerance = max(self.exact, float(np.abs(factor).max()) * self.gross)
-            best = max(best, (float((away.min(axis=1) <= tolerance).mean()), factor), key=lambda pair: pair[0])
-        share, factor = best
-        if share < 1.0 - _BETTER or factor.min() <= 0.0:
-            return None
-        if np.ptp(factor) <= 0.01 * abs(factor[0]):
-            words = f"the {self.sensor} is {factor.mean():.3g} times what was delivered"
-        else:
-            parts = ", ".join(f"{name} {one:.3g}" for name, one in zip("xyz", factor, strict=True))
-            words = f"the axes of the {self.sensor} are multiples of what was delivered ({parts})"
-        return SampleFault(words, _UNIT.format(self.sensor))
+            nearest, value, away = means, np.zeros(3), np.zeros(())
+            for step in range(4):
+                if is_factor:
+                    value = (nearest * readings).sum(axis=0) / (nearest**2).sum(axis=0)
+                else:
+                    value = (readings - nearest).mean(axis=0)
+                away = np.abs((value * means if is_factor else means + value) - readings)
+                if not step:  # the lag that is the best one for all
+                    value = value[away.sum(axis=(0, 2)).argmin()]
+                    away = np.abs((value * means if is_factor else means + value) - readings)
+                nearest = means[np.arange(len(means)), away.max(axis=2).argmin(axis=1)][:, None]
+                value = value.reshape(3)
+            gross = self.gross * (float(np.abs(value).max()) if is_factor else 1.0)
+            share = float((away.max(axis=2).min(axis=1) <= max(self.exact, gross)).mean())
+            if share <= best[0] or share < 1.0 - _BETTER or (is_factor and value.min() <= 0.0):
+                continue
+            if is_factor and np.ptp(value) <= 0.01 * value[0]:
+                best = share, f"the {{}} is {value.mean():.3g} times what was delivered"
+                continue
+            parts = value if is_factor else value / self.unit[0]
+            sizes = ", ".join(f"{name} {part:.2f}" for name, part in zip("xyz", parts.round(2) + 0.0, strict=True))
+            of_all = f"multiples ({sizes})" if is_factor else f"an offset ({sizes} {self.unit[1]})"
+            best = share, f"the axes of the {{}} have {of_all} beside what was delivered"
+        return [SampleFault.of(self.sensor, best[1], _UNIT)] if best[1] else []
 
-    def _corrupt(self, *, is_moving: bool) -> list[SampleFault]:
+    def _corrupt(self) -> list[SampleFault]:
         """Return the fault of single samples that are corrupt in the readings."""
         away = {size: self._away(size) for size in range(1, self._most + 1)}
         if away[self.size].max() <= self.gross:
@@ -355,65 +362,67 @@ class _Comparison:
             chosen = wrong[:: 1 + len(wrong) // _MOST_WRONG]
             last = self.places[chosen][:, :, None] - 1 - np.arange(size)  # (lines, lags, samples of a mean)
             counts, before = self.counts[last], self.counts[np.maximum(last - 1, 0)]
-            rest = size * (self.readings[chosen, None] - self._means(self.counts, size)[chosen])[:, :, None]
+            rest = size * (self.readings[chosen, None] - self._means(self.counts, size)[chosen])
             for words, place, corrupt in _CORRUPT:
-                left = np.min([np.abs(rest - (sample - counts)) for sample in corrupt(counts, before)], axis=0)
-                explained = float((left.max(axis=3).min(axis=(1, 2)) <= size * self.exact).mean())
+                options = corrupt(counts, before)
+                sets = [[one] for one in range(size)]
+                if len(options) == 1 and size <= _MOST_COMBINED:  # several samples of a mean may be corrupt
+                    sets = [list(some) for number in (1, 2, 3) for some in combinations(range(size), number)]
+                differences = [option - counts for option in options]
+                left = np.stack(
+                    [
+                        np.min([np.abs(rest - one[:, :, some].sum(axis=2)) for one in differences], axis=0).max(axis=2)
+                        for some in sets
+                    ],
+                    axis=-1,
+                ).min(axis=1)  # (lines, sets)
+                explained = float((left.min(axis=1) <= size * self.exact).mean())
                 if explained > best[0] + _BETTER:
-                    best = explained, words, place, len(wrong) / len(self.readings) / size
+                    in_line = np.mean([len(sets[index]) for index in left.argmin(axis=1)])
+                    best = explained, words, place, float(in_line) * len(wrong) / len(self.readings) / size
         explained, words, place, share = best
         if explained >= _HOLDS:
             return [
-                SampleFault(
-                    f"corrupt samples: about {_percent(share)} of the {self.sensor}'s {words}",
-                    place.format(self.sensor),
-                )
+                SampleFault.of(self.sensor, f"corrupt samples: about {_percent(share)} of the {{}}'s {words}", place)
             ]
-        is_far, largest = away[self.size] > _FAR * self.gross, float(away[self.size].max()) / self.unit[0]
-        if is_moving or not 0.0 < is_far.mean() <= _MOST_ISOLATED:  # a filter of the readings may make the difference
+        share, largest = (away[self.size] > _FAR * self.gross).mean(), away[self.size].max() / self.unit[0]
+        if not share:
             return []
-        words = f"corrupt samples: {_percent(is_far.mean())} of the {self.sensor}'s readings are not as delivered"
-        return [SampleFault(f"{words}, by up to {largest:.3g} {self.unit[1]}", _WHOLE.format(self.sensor))]
+        words = f"{_percent(share)} of the {{}}'s readings are not as delivered, by up to {largest:.3g} {self.unit[1]}"
+        is_isolated = share <= _MOST_ISOLATED
+        words = f"corrupt samples: {words}" if is_isolated else f"{words} (a filter or another conversion)"
+        return [SampleFault.of(self.sensor, words, _WHOLE if is_isolated else _UNIT)]
 
 
-def _percent(share: float) -> str:
+def _still_axis(sensor: str, unit: tuple[float, str], readings: Array, axis: int) -> SampleFault:
+    value = f"{np.median(readings[:, axis]) / unit[0]:.3g} {unit[1]}"
+    return SampleFault.of(sensor, f"the {'xyz'[axis]} axis of the {{}} does not move: it stays at {value}", _DRIVER)
+
+
+def _percent(share: float | np.floating) -> str:
     return f"{100.0 * share:.2g} %"
 
 
 def _statistics(sensor: str, unit: tuple[float, str], lines: Lines, *, is_moving: bool) -> list[SampleFault]:
     """Return the faults that readings alone show."""
-    readings, (per_unit, name) = lines.counts, unit
-    ranges = np.ptp(readings, axis=0)
+    readings, ranges = lines.counts, np.ptp(lines.counts, axis=0)
     if not ranges.any():
-        words = f"frozen samples of the {sensor}: one value in {len(readings)} readings"
-        return [SampleFault(words, _FRESH.format(sensor))]
-    faults = [
-        SampleFault(
-            f"the {'xyz'[axis]} axis of the {sensor} does not move: it stays at "
-            f"{np.median(readings[:, axis]) / per_unit:.3g} {name}",
-            _DRIVER.format(sensor),
-        )
-        for axis in np.flatnonzero(ranges <= _STILL * ranges.max())
-        if is_moving
-    ]
-    zeros = ~readings.any(axis=1)
-    if zeros.any():
-        words = f"corrupt samples: {_percent(zeros.mean())} of the {sensor}'s are 0, 0, 0"
-        return [*faults, SampleFault(words, _WHOLE.format(sensor))]
+        words = f"frozen samples of the {{}}: one value in {len(readings)} readings"
+        return [SampleFault.of(sensor, words, _FRESH)]
+    still = np.flatnonzero(ranges <= _STILL * ranges.max()) if is_moving else ()
+    faults = [_still_axis(sensor, unit, readings, int(axis)) for axis in still]
+    if share := (~readings.any(axis=1)).mean():
+        return [SampleFault.of(sensor, f"corrupt samples: {_percent(share)} of the {{}}'s are 0, 0, 0", _WHOLE)]
     if not is_moving or faults:
         return faults
-    limits = [
-        (readings[:, axis] == end).mean()
-        for axis in range(3)
-        for end in (readings[:, axis].min(), readings[:, axis].max())
-        if (readings[:, axis] == end).sum() >= _FEWEST_AT_A_LIMIT
-    ]
-    if max(limits, default=0.0) >= _SHARE_AT_A_LIMIT:
-        words = f"the {sensor} is clipped at {np.abs(readings).max() / per_unit:.4g} {name}"
-        return [SampleFault(words, _RANGE.format(sensor))]
+    ends = [readings == end for end in (readings.min(axis=0), readings.max(axis=0))]
+    at_ends = max(int(is_at_end.sum(axis=0).max()) for is_at_end in ends)
+    if at_ends >= max(_FEWEST_AT_A_LIMIT, _SHARE_AT_A_LIMIT * len(readings)):
+        words = f"the {{}} is clipped at {np.abs(readings).max() / unit[0]:.4g} {unit[1]}"
+        return [SampleFault.of(sensor, words, _RANGE)]
     away = np.abs(readings[1:-1] - 0.5 * (readings[:-2] + readings[2:])).max(axis=1)
-    share = float((away > _STICKS_OUT * np.median(away)).mean())
-    if 0.0 < share <= _MOST_ISOLATED:
-        words = f"corrupt samples: {_percent(share)} of the {sensor}'s readings stick out from those beside them"
-        return [SampleFault(words, _WHOLE.format(sensor))]
-    return []
+    share = (away > _STICKS_OUT * np.median(away)).mean()
+    if not 0.0 < share <= _MOST_ISOLATED:
+        return []
+    words = f"corrupt samples: {_percent(share)} of the {{}}'s readings stick out from those beside them"
+    return [SampleFault.of(sensor, words, _WHOLE)]

@@ -21,6 +21,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 MOST_CAUSES = 3
 LEAST_GAIN = 10.0  # decrease of the criterion that a further cause, or a larger model than another one, must achieve
+_TIE = 1.0
 _OUTLIERS = 0.05  # prior share of poses that no model explains
 _MOST_ISOLATED = 0.2  # share of poses above which unexplained ones are no exceptions
 _LARGEST_NOISE = 1.5  # rms of a remainder that counts as noise, as a multiple of the noise
@@ -238,10 +239,13 @@ def _pairs(models: Sequence[Model]) -> list[tuple[tuple[Model, Model], Array]]:
 
 
 def _choose(fits: Sequence[_Fit]) -> _Fit:
-    """Return the fit of the lowest criterion, or a smaller one that is hardly worse."""
+    """Return the fit of the lowest criterion, or a smaller one that is hardly worse; of equal ones, the first."""
     lowest = min(fit.criterion for fit in fits)
     near = [fit for fit in fits if fit.criterion < lowest + LEAST_GAIN]
-    return min(near, key=lambda fit: (fit.fitted + len(fit.models), fit.criterion))
+    fewest = min(fit.fitted + len(fit.models) for fit in near)
+    small = [fit for fit in near if fit.fitted + len(fit.models) == fewest]
+    lowest = min(fit.criterion for fit in small)
+    return next(fit for fit in small if fit.criterion < lowest + _TIE)
 
 
 def _is_noise(poses: Poses, fit: _Fit) -> bool:

@@ -31,6 +31,8 @@ _OTHER_TILT = (
 # A limit is far enough from the errors of right firmware: their rms is at most about a quarter of it.
 _NOISE_OF_LIMIT = 0.25
 _USUAL_LIMIT_DEG = 2.0
+# Share of poses that noise leaves not settled.
+_MOST_UNSETTLED = 0.1
 # Length of the mean of unit vectors along headings that scatter by 8 degrees, as only frozen ones do.
 _STANDS_STILL = 0.99
 # Difference from a wrong hard iron that noise and directions of a tumble leave: the least, and by the field's range.
@@ -75,7 +77,8 @@ def diagnose_firmware(
     if frame := other_frame(tables):
         return Cause.FRAME, [frame], None
     bugs = None
-    if poses and right and (unsettled or bias_dps is not None):  # either would make a filter lag
+    is_settled = poses is not None and unsettled <= _MOST_UNSETTLED * len(poses.answered_deg)
+    if poses and right and (not is_settled or bias_dps is not None):  # either would make a filter lag
         bugs = fit_causes(replace(poses, stages=()))
         bugs = bugs if bugs.is_complete and bugs.words.startswith(AVERAGED) else None
     elif poses:
