@@ -151,10 +151,13 @@ def test_zeros_and_outliers_and_frozen_samples_are_seen_in_readings_alone() -> N
 
 
 def test_the_same_fault_of_both_sensors_is_one() -> None:
-    fault = describe_samples("magnetometer", UNIT, Lines(np.arange(30.0), np.zeros((30, 3))), is_moving=False)
-    other = describe_samples("accelerometer", UNIT, Lines(np.arange(30.0), np.zeros((30, 3))), is_moving=False)
+    lines = Lines(np.arange(30.0), np.ones((30, 3)))
+    fault, other = (
+        describe_samples(sensor, UNIT, lines, is_moving=True) for sensor in ("magnetometer", "accelerometer")
+    )
     assert [one.words for one in merge_faults(fault, other)] == [
         "frozen samples of the magnetometer and the accelerometer: one value in 30 readings"
     ]
     assert merge_faults(fault, ()) == fault
     assert merge_faults((), other) == other
+    assert describe_samples("accelerometer", UNIT, lines, is_moving=False) == ()  # level poses, coarse digits

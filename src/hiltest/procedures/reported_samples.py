@@ -406,7 +406,9 @@ def _percent(share: float | np.floating) -> str:
 def _statistics(sensor: str, unit: tuple[float, str], lines: Lines, *, is_moving: bool) -> list[SampleFault]:
     """Return the faults that readings alone show."""
     readings, ranges = lines.counts, np.ptp(lines.counts, axis=0)
-    if not ranges.any():
+    if not ranges.any() and (
+        is_moving or sensor == "magnetometer"
+    ):  # gravity stays at level poses
         words = f"frozen samples of the {{}}: one value in {len(readings)} readings"
         return [SampleFault.of(sensor, words, _FRESH)]
     still = np.flatnonzero(ranges <= _STILL * ranges.max()) if is_moving else ()
