@@ -150,6 +150,12 @@ def test_zeros_and_outliers_and_frozen_samples_are_seen_in_readings_alone() -> N
     ]
 
 
+def test_turns_by_hand_with_rests_are_no_fault_of_a_real_board() -> None:
+    faces = np.repeat([[480.0, 0, 0], [0, 480, 0], [0, 0, 480], [-460, 0, 0], [0, -470, 0], [0, 0, -450]], 20, axis=0)
+    lines = Lines(0.1 * np.arange(len(faces)), faces + np.array([30.0, -20.0, 45.0]))
+    assert describe_samples("magnetometer", UNIT, lines, is_moving=True) == ()
+
+
 def test_the_same_fault_of_both_sensors_is_one() -> None:
     lines = Lines(np.arange(30.0), np.ones((30, 3)))
     fault, other = (

@@ -39,6 +39,7 @@ _SHARE_OF_RIGHT = 0.1  # share of exact readings that shows how many samples a r
 _MOST_WRONG = 40
 _MOST_COMBINED = 12
 _STICKS_OUT = 10.0  # deviation of an outlier from its neighbours, as a multiple of the median deviation
+_RETURNS = 0.3  # difference of the neighbours of an outlier, as a share of its deviation
 _DRIVER = "registers, order of the axes and signs in the driver of the {}, beside the data sheet"
 _BYTES = "order of the bytes in the driver of the {}: big or little endian"
 _TYPE = "type of the {}'s counts, from the driver to the sum: two's complement, int16_t or wider"
@@ -406,9 +407,7 @@ def _percent(share: float | np.floating) -> str:
 def _statistics(sensor: str, unit: tuple[float, str], lines: Lines, *, is_moving: bool) -> list[SampleFault]:
     """Return the faults that readings alone show."""
     readings, ranges = lines.counts, np.ptp(lines.counts, axis=0)
-    if not ranges.any() and (
-        is_moving or sensor == "magnetometer"
-    ):  # gravity stays at level poses
+    if not ranges.any() and (is_moving or sensor == "magnetometer"):  # gravity stays at level poses
         words = f"frozen samples of the {{}}: one value in {len(readings)} readings"
         return [SampleFault.of(sensor, words, _FRESH)]
     still = np.flatnonzero(ranges <= _STILL * ranges.max()) if is_moving else ()
@@ -417,13 +416,14 @@ def _statistics(sensor: str, unit: tuple[float, str], lines: Lines, *, is_moving
         return [SampleFault.of(sensor, f"corrupt samples: {_percent(share)} of the {{}}'s are 0, 0, 0", _WHOLE)]
     if not is_moving or faults:
         return faults
-    ends = [readings == end for end in (readings.min(axis=0), readings.max(axis=0))]
-    at_ends = max(int(is_at_end.sum(axis=0).max()) for is_at_end in ends)
-    if at_ends >= max(_FEWEST_AT_A_LIMIT, _SHARE_AT_A_LIMIT * len(readings)):
-        words = f"the {{}} is clipped at {np.abs(readings).max() / unit[0]:.4g} {unit[1]}"
+    limit = np.abs(readings).max()  # a board that rests in one position reaches one end of an axis often, not two
+    at_ends = [(readings == end).sum(axis=0) for end in (limit, -limit)]
+    if sum(int((count >= max(_FEWEST_AT_A_LIMIT, _SHARE_AT_A_LIMIT * len(readings))).sum()) for count in at_ends) > 1:
+        words = f"the {{}} is clipped at {limit / unit[0]:.4g} {unit[1]}"
         return [SampleFault.of(sensor, words, _RANGE)]
     away = np.abs(readings[1:-1] - 0.5 * (readings[:-2] + readings[2:])).max(axis=1)
-    share = (away > _STICKS_OUT * np.median(away)).mean()
+    returns = np.abs(readings[2:] - readings[:-2]).max(axis=1) < _RETURNS * away  # a turn does not
+    share = (returns & (away > _STICKS_OUT * np.median(away))).mean()
     if not 0.0 < share <= _MOST_ISOLATED:
         return []
     words = f"corrupt samples: {_percent(share)} of the {{}}'s readings stick out from those beside them"
