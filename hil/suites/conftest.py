@@ -361,11 +361,19 @@ def angles_before_calibration(
 
 
 @pytest.fixture(scope="session")
-def self_calibration(
+def compass_tumble(
     angles_before_calibration: ReportedAngles | None, board: Board, turntable: Turntable, hil_progress: Progress
 ) -> SelfCalibration:
-    """Turns the board in all directions until the firmware has calibrated itself."""
+    """Turns the board in all directions while the firmware calibrates itself; it may have failed to."""
     return tumble_until_calibrated(board, turntable, progress=hil_progress)
+
+
+@pytest.fixture(scope="session")
+def self_calibration(compass_tumble: SelfCalibration) -> SelfCalibration:
+    """Turns the board in all directions until the firmware has calibrated itself."""
+    if compass_tumble.refusal is not None:
+        raise compass_tumble.refusal
+    return compass_tumble
 
 
 @pytest.fixture(scope="session")

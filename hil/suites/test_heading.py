@@ -128,6 +128,9 @@ def test_heading_at_known_angles(
         measure.table("heading.contradictions", {"of": "", "said": ""}, map(list, known_angles.contradictions.items()))
         iron_ut = known_angles.belief.hard_iron_ut
         measure.table("heading.hard_iron", dict.fromkeys("xyz", "uT"), [] if iron_ut is None else [iron_ut.tolist()])
+        inverse = known_angles.belief.inverse_soft_iron
+        rows = [] if inverse is None else [inverse.ravel().tolist()]
+        measure.table("heading.inverse_soft_iron", matrix("inverse", ""), rows)
     in_use = (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER) if board.answers_requests else ()
     registers = record_settings("known_angles", *map(board.sensor, in_use))
     not_offered = "" if registers else "this board does not show the registers of its sensors"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,8 @@ from hiltest.interfaces.quantities import StreamInterface
 from hiltest.measurement import Limit
 from hiltest.procedures import upload_points
 from hiltest.procedures.calibrate import calibrate_once
-from hiltest.procedures.reported_headings import ReportedAngles, SelfCalibration, samples_of
+from hiltest.procedures.reported_headings import FIRMWARE, ReportedAngles, SelfCalibration, sample_faults, samples_of
+from hiltest.procedures.reported_samples import SampleFault
 from hiltest.rig import Rig
 from hiltest.session.fixtures import Measure
 from hiltest.text import join_words
@@ -24,6 +27,8 @@ SAME_UNIT = 2.0
 REFERENCE_CALIBRATORS = ("direct", "corrected", "iterative")
 FEWEST_SAMPLES = 50
 
+# As in test_heading.py, for a rig without a limit.
+GOAL = Limit(max=2.0)
 # Two decimals of g round by 5 mg, the noise of a window by 1; a scale that is wrong by 2 % is beyond it.
 ACCELERATION_ERROR = Limit(max=20.0)
 # Ten readings of 0.4 uT in a window have a mean within 0.6 uT of that of all samples at the pose, at five sigma.
@@ -56,10 +61,30 @@ def test_the_firmware_calibrates_itself(
     if belief.gyroscope_bias_dps is not None and truth is not None:
         bias_dps = float(np.linalg.norm(belief.gyroscope_bias_dps - truth.gyroscope_bias_dps))
     measure("gyroscope.firmware.bias_error", bias_dps, "dps", not_offered=not_reported(belief.gyroscope_bias_dps))
+    if rows := self_calibration.field_rows():
+        measure.table("device.tumble_field", {"of": "", **dict.fromkeys("xyz", "uT")}, rows)
 
 
-def test_the_reported_field_is_that_of_the_samples(known_angles: ReportedAngles, measure: Measure) -> None:
-    error_ut = known_angles.sample_error_ut()
+def test_the_samples_of_the_tumble_are_right(compass_tumble: SelfCalibration, measure: Measure) -> None:
+    if faults := compass_tumble.sample_faults:
+        measure.table(*table_of_sample_faults(faults))
+        pytest.fail("; ".join(fault.words for fault in faults), pytrace=False)
+
+
+def test_the_reported_field_is_that_of_the_samples(
+    known_angles: ReportedAngles, board: Board, measure: Measure
+) -> None:
+    error_ut, error_g = known_angles.sample_error_ut(), known_angles.acceleration_error_g()
+    heading = measure.limit("heading.firmware.max") or GOAL
+    values = [
+        (heading, known_angles.summary(FIRMWARE).max_deg),
+        (SAMPLE_ERROR, error_ut),
+        (ACCELERATION_ERROR, error_g and 1000.0 * error_g),
+    ]
+    if any(value is not None and not limit.holds(value) for limit, value in values):
+        observations = [row for pose in known_angles.held for row in pose.settled.window]
+        if (faults := sample_faults(board, observations, is_moving=False)) is not None:
+            measure.table(*table_of_sample_faults(faults))
     measure(
         "device.sample_error",
         error_ut,
@@ -179,6 +204,11 @@ def test_our_calibrators_on_the_same_samples(
             band=reference_board.cycle_range(cost, name),
             note=f"the same {len(points)} samples",
         )
+
+
+def table_of_sample_faults(faults: Sequence[SampleFault]) -> tuple[str, dict[str, str], list[list[str]]]:
+    """Return the table of what is wrong with samples: name, units of the columns, and rows."""
+    return "device.samples", {"words": "", "place": ""}, [[fault.words, fault.place] for fault in faults]
 
 
 def not_reported(value: object) -> str:

@@ -55,7 +55,7 @@ def answers(error: Callable[[float], float], hard_iron_ut: Sequence[float] = (),
     } | ({"heading.known": _table("heading.known", columns, vectors.tolist())} if has_vectors else {})
 
 
-def _table(name: str, columns: Sequence[str], rows: Sequence[Sequence[float]]) -> Table:
+def _table(name: str, columns: Sequence[str], rows: Sequence[Sequence[float | str]]) -> Table:
     return Table(name, tuple(map(Column, columns)), tuple(map(tuple, rows)))
 
 
@@ -152,6 +152,39 @@ def test_the_hard_iron_that_the_firmware_reports_shows_how_often_it_was_subtract
     level = {name: replace(table, rows=table.rows[:12]) for name, table in tables.items()}
     words = cause(tables=level, heading__firmware__max=9.0)[1]
     assert words.startswith("hard iron subtracted twice")
+
+
+def test_wrong_samples_come_before_every_bug_behind_them() -> None:
+    samples = {"device.samples": _table("device.samples", ("words", "place"), [("the y axis stays", "the driver")])}
+    tables = answers(lambda heading: -8.3) | samples
+    result = diagnosis(tables=tables, heading__firmware__max=8.7)
+    assert (result.cause, result.words, result.advice) == (Cause.SAMPLES, "the y axis stays", "Check the driver.")
+    assert diagnose_run((), (), samples, is_broken=True)[""] == result
+    frame = {"vectors": "in frame enu"}
+    assert cause(said=frame, tables=tables, heading__firmware__max=8.7)[0] is Cause.FRAME
+
+
+@pytest.mark.parametrize(
+    ("iron_ut", "words"),
+    [
+        ((0.0, 0.0, 0.0), "it is 0: x 0.0 in place of 2.4"),
+        ((2.4, 2.2, 4.0), "it has lost its sign"),
+        ((-2.4, 2.2, -4.0), "it has the opposite sign"),
+        ((48.9, 47.8, 48.2), "it is half of the difference"),
+        ((4.8, -4.4, 8.0), "it is the sum of maximum and minimum"),
+        ((-2.2, 2.4, 4.0), "its axes are exchanged"),
+        ((2.5, -2.3, 4.2), ""),
+        ((12.0, 8.0, -3.0), ""),
+    ],
+)
+def test_a_wrong_hard_iron_is_described_by_the_readings_of_the_tumble(iron_ut: Sequence[float], words: str) -> None:
+    centre, reach = np.array([2.4, -2.2, 4.0]), np.array([48.5, 47.5, 48.0])
+    rows = [("minimum", *(centre - reach)), ("maximum", *(centre + reach)), ("centre", *centre)]
+    tables = answers(lambda heading: 9.0 * np.sin(np.radians(heading)), iron_ut)
+    field = {"device.tumble_field": _table("device.tumble_field", ("of", *"xyz"), rows)}
+    result, found = cause(tables=tables | field, heading__firmware__max=9.0, heading__calibrated__max=9.0)
+    assert (result is Cause.HARD_IRON) == bool(words)
+    assert words in found
 
 
 def test_a_filter_that_may_lag_hides_further_bugs() -> None:

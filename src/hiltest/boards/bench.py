@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -271,14 +272,26 @@ class VirtualBench:
 
     def delivered_fields(self) -> dict[str, list[int]]:
         """Return the number and the sums of the samples that the parts have delivered since power-on."""
-        fields = {}
+        return {
+            name: [output.delivered[0], *_turn_to_body(np.array(output.delivered[1:]), output).tolist()]
+            for name, output in self._fields_of_earth()
+        }
+
+    def delivered_samples(self) -> dict[str, NDArray[np.float64]]:
+        """Return the latest samples that the parts have delivered, with their times."""
+        samples = {}
+        for name, output in self._fields_of_earth():
+            words = np.array([row.words for row in output.deliveries], np.int64).reshape(-1, 3) << output.range
+            samples[name] = np.column_stack([[row.time_s for row in output.deliveries], _turn_to_body(words, output)])
+        return samples
+
+    def _fields_of_earth(self) -> Iterator[tuple[str, SampledOutput]]:
+        """Return the magnetometers and accelerometers that have delivered samples, by bus and address."""
         for (bus, address), part in self._parts.items():
             for output in part.outputs:
                 if output.quantity is not Sensed.GYROSCOPE and output.delivered[0]:
-                    count, *sums = output.delivered
                     unit = " g" if output.quantity is Sensed.ACCELEROMETER else ""
-                    fields[f"{bus}:{address:02x}{unit}"] = [count, *_turn_to_body(np.array(sums), output).tolist()]
-        return fields
+                    yield f"{bus}:{address:02x}{unit}", output
 
     def delivered_temperature(self, sensor: SensorInfo) -> int | None:
         """Return the temperature byte that a sensor's part has delivered since then; None without one."""

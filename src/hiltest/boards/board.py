@@ -420,6 +420,14 @@ class Board(ABC):
         """
         return None
 
+    def delivered_samples(self) -> Mapping[str, NDArray[np.float64]] | None:
+        """Return the latest samples that each sensor has delivered, named and in the units of `delivered_fields`.
+
+        Each has the shape (n, 4): time of the board's clock [s], and counts along x, y and z of the body. None if they
+        are unknown.
+        """
+        return None
+
     def sensor_settings(self) -> Sequence[PartSettings] | None:
         """Return the registers of the parts that run, or that they had at their latest sample; None if unknown."""
         return None

@@ -44,9 +44,9 @@ FACTS_WITH_REQUESTS = FACTS | {
     "true_disturbances_ut",
 }
 """Such members if the firmware answers requests."""
-FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "delivered_fields"}
+FACTS_OF_OUTPUT = FACTS | {"core_clock_hz", "costs", "firmware", "delivered_fields", "delivered_samples"}
 """Such members if it does not."""
-_LATER = frozenset({"delivered_fields", "request_cost", "sensor_settings"})
+_LATER = frozenset({"delivered_fields", "delivered_samples", "request_cost", "sensor_settings"})
 """Members that recordings of earlier versions lack."""
 
 

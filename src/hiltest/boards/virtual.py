@@ -10,6 +10,7 @@ from types import NoneType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.boards.bench import VirtualBench, default_firmware
 from hiltest.boards.board import Board, BoardKind, Declared, PartSettings, RequestCost, Truth
@@ -222,6 +223,10 @@ class VirtualBoard(Board):
     def delivered_fields(self) -> Mapping[str, list[int]]:
         """Return the number and the sums of the samples that magnetometers and accelerometers have delivered so far."""
         return self._bench.delivered_fields()
+
+    def delivered_samples(self) -> Mapping[str, NDArray[np.float64]]:
+        """Return the latest samples that magnetometers and accelerometers have delivered, with their times."""
+        return self._bench.delivered_samples()
 
     def sensor_settings(self) -> Sequence[PartSettings]:
         """Return the registers of the parts that run, or that they had at their latest sample."""

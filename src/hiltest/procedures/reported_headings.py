@@ -10,18 +10,27 @@ from typing import TypeAlias
 import numpy as np
 
 from hiltest.boards.board import Board
+from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
-from hiltest.errors import PoorCoverageError
+from hiltest.errors import CalibrationError, PoorCoverageError
 from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.interfaces.quantities import Moment, Observation, Quantity, values_of
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180
 from hiltest.procedures.conventions import other_frame, other_tilt, standing_still
+from hiltest.procedures.coverage import sphere_coverage
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, Readings, moved
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.settling import Settled, wait_until_settled
+from hiltest.procedures.reported_samples import (
+    FEWEST_LINES,
+    Lines,
+    SampleFault,
+    describe_samples,
+    merge_faults,
+)
+from hiltest.procedures.settling import COUNTS_PER_G, Settled, wait_until_settled
 from hiltest.procedures.turntables import Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.text import format_count
@@ -47,6 +56,8 @@ _GLANCE_S = 0.3
 _TURNED_DEG = 1.0
 # Interval between checks of whether the firmware has calibrated itself [s].
 _LOOK_S = 1.0
+# Part of the sphere above which more tumbles bring no new directions.
+_COVERS = 0.85
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +166,7 @@ class ReportedAngles(KnownAngles):
         return sum(pose.settled.unconfirmed for pose in self.held)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SelfCalibration:
     """Result of the firmware's self-calibration in the tumbles."""
 
@@ -164,6 +175,20 @@ class SelfCalibration:
     calibrated_after_s: float | None
     """Time from the start of the first tumble until the firmware reported that it is calibrated; None if it never
     did."""
+    refusal: CalibrationError | None = None
+    """Reason why headings cannot be measured, with the next step; None if they can."""
+    sample_faults: tuple[SampleFault, ...] = ()
+    """Faults of the firmware's raw samples, which are looked for if it has not calibrated itself."""
+    readings: Reals | None = None
+    """Shape (n, 3) [counts]. Raw field that the firmware reported meanwhile, in hiltest's axes."""
+
+    def field_rows(self) -> list[list[str | float]]:
+        """Return minimum, maximum, and centre by a fit, of the raw field [uT]; empty if it is unknown or not fitted."""
+        if self.readings is None or len(self.readings) < FEWEST_LINES:
+            return []
+        fit = fit_direct(self.readings)
+        rows = {"minimum": self.readings.min(axis=0), "maximum": self.readings.max(axis=0), "centre": fit.hard_iron}
+        return [[name, *(row / COUNTS_PER_UT).tolist()] for name, row in rows.items()] if fit.has_fit else []
 
 
 def samples_of(board: Board) -> Reals:
@@ -187,39 +212,73 @@ def frame_of(rig: Rig) -> Frame:
 
 
 def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Progress | None = None) -> SelfCalibration:
-    """Tumble the board as often as the rig says, then rest; the firmware calibrates itself.
-
-    Raises
-    ------
-    PoorCoverageError
-        When the firmware reports that it is not calibrated.
-    """
+    """Tumble the board as often as the rig says, then rest; the firmware calibrates itself."""
     output, tell = board.output, progress or silent
     device = output.device
     turntable.rest()
     board.sleep(device.converge_s)
     output.send(Moment.BEFORE_TUMBLE)
     began_s, after_s = board.now_s(), None
+    heard: list[Observation] = []
     for _ in range(device.tumbles):
         end_s = board.now_s() + turntable.tumble(device.tumble_s)
         while (left_s := end_s - board.now_s()) > 1e-9:
             observations = output.observe(min(_LOOK_S, left_s))
+            heard += observations
             if after_s is None and is_calibrated(observations):
                 after_s = board.now_s() - began_s
             tell("tumble [s]", round(board.now_s() - began_s), round(device.tumbles * device.tumble_s))
     duration_s = board.now_s() - began_s
+    must_say = Quantity.CALIBRATED in board.offers
+    faults = sample_faults(board, heard, is_moving=True) if after_s is None and must_say else None
     output.send(Moment.AFTER_TUMBLE)
     turntable.rest()
     observations = output.observe(max(device.converge_s, device.window_s))
     if after_s is None and is_calibrated(observations):
         after_s = board.now_s() - began_s
-    if after_s is None and Quantity.CALIBRATED in board.offers:
-        raise PoorCoverageError(
-            f"the firmware has not calibrated its magnetometer in {format_count(device.tumbles, 'tumble')} of "
-            f"{device.tumble_s:g} s; "
-            "give it more under [device]: tumbles, tumble_s"
-        )
-    return SelfCalibration(duration_s, after_s)
+    raw_ut = [frame_of(output.rig).vector(value) for value in values_of(heard, Quantity.MAGNETOMETER)]
+    readings = COUNTS_PER_UT * np.array(raw_ut).reshape(-1, 3)
+    if after_s is not None or not must_say:
+        return SelfCalibration(duration_s, after_s, readings=readings)
+    refused = (
+        f"the firmware has not calibrated its magnetometer in {format_count(device.tumbles, 'tumble')} of "
+        f"{device.tumble_s:g} s"
+    )
+    if faults:
+        return SelfCalibration(duration_s, None, CalibrationError(f"{refused}: its samples are wrong"), faults)
+    covered = sphere_coverage(readings, field_ut=output.rig.field.strength_ut) if len(readings) else 0.0
+    if faults is not None and covered >= _COVERS:
+        advice = f"its samples are right and cover {covered:.0%} of the sphere: check when it accepts its fit"
+        return SelfCalibration(duration_s, None, CalibrationError(f"{refused}; {advice}"))
+    advice = "give it more under [device]: tumbles, tumble_s"
+    return SelfCalibration(duration_s, None, PoorCoverageError(f"{refused}; {advice}"))
+
+
+def sample_faults(
+    board: Board, observations: Sequence[Observation], *, is_moving: bool
+) -> tuple[SampleFault, ...] | None:
+    """Return the faults of the raw samples that firmware reported, the magnetometer's first; None if it reports none.
+
+    Parameters
+    ----------
+    is_moving
+        True if the board was turned through all directions meanwhile.
+    """
+    frame, delivered, faults = frame_of(board.output.rig), board.delivered_samples(), []
+    for sensor, quantity, convert, unit in (
+        ("magnetometer", Quantity.MAGNETOMETER, frame.vector, (COUNTS_PER_UT, "uT")),
+        ("accelerometer", Quantity.ACCELEROMETER, frame.gravity, (COUNTS_PER_G, "g")),
+    ):
+        readings = [(row.time_s, convert(row.values[quantity])) for row in observations if quantity in row.values]
+        if len(readings) < FEWEST_LINES:
+            continue
+        parts = None
+        if delivered is not None:
+            parts = [rows for part, rows in delivered.items() if part.endswith(" g") == (unit[1] == "g")]
+        times_s, vectors = zip(*readings, strict=True)
+        lines = Lines(np.array(times_s), unit[0] * np.array(vectors), parts)
+        faults.append(describe_samples(sensor, unit, lines, is_moving=is_moving))
+    return merge_faults(*faults) if faults else None
 
 
 def is_calibrated(observations: Sequence[Observation]) -> bool:

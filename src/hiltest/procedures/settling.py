@@ -24,7 +24,8 @@ STANDARD_ERRORS = 2.0
 NEIGHBOURS_DEG = 5.0
 """Largest difference of two consecutive headings at rest: noise of 0.7 uT in 20 makes 2 degrees, a changed high byte
 25."""
-_COUNTS_PER_G = 16_384.0  # of `Board.delivered_fields`
+COUNTS_PER_G = 16_384.0
+"""Counts of `Board.delivered_fields`."""
 # Margin for a quotient of two times that rounding puts below a whole number.
 _ROUNDING = 1e-6
 
@@ -107,7 +108,7 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
         windows_left -= 1
         if settled or windows_left <= 0:
             after = board.delivered_fields()
-            means = (_means_since(delivered, after, *unit) for unit in ((COUNTS_PER_UT, False), (_COUNTS_PER_G, True)))
+            means = (_means_since(delivered, after, *unit) for unit in ((COUNTS_PER_UT, False), (COUNTS_PER_G, True)))
             return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, *means)
         before = headings_deg
 

@@ -33,6 +33,7 @@ class Cause(StrEnum):
     GOOD_FIT_BAD_HEADING = "good fit, bad heading"
     BAD_FIT = "bad fit"
     # The remaining causes belong to firmware that reports by itself.
+    SAMPLES = "samples"
     FRAME = "another frame than the declared one"
     NOT_TOGETHER = "its field, its calibration and its heading do not belong together"
     STILL = "a heading that does not follow the board"

@@ -15,7 +15,15 @@ from hiltest.run_record.run import Table
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
 from hiltest.verdict.causes import ADVICE, GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence
-from hiltest.verdict.reported_headings import CALIBRATED, ECOMPASS, FIRMWARE, diagnose_firmware, diagnose_parts
+from hiltest.verdict.reported_headings import (
+    CALIBRATED,
+    ECOMPASS,
+    FIRMWARE,
+    diagnose_firmware,
+    diagnose_parts,
+    other_frame,
+    sample_faults,
+)
 
 # The firmware's own arithmetic is the cause if it contributes at least half of the largest error.
 _MAKES_MOST = 0.5
@@ -62,7 +70,11 @@ def diagnose_run(
     by_name, evidence = {measurement.name: measurement for measurement in measurements}, read_heading_evidence(tables)
     axes = None if evidence is None else evidence.axes()
     causes = {name: diagnose(name, by_name, evidence, axes) for name in names}
-    if own := [name for name in (FIRMWARE, ECOMPASS, CALIBRATED) if _is_off(name, by_name)]:
+    own = [name for name in (FIRMWARE, ECOMPASS, CALIBRATED) if _is_off(name, by_name)]
+    if (faults := sample_faults(tables)) and not other_frame(tables):  # the first link from sensor to heading
+        places = "; ".join(dict.fromkeys(faults.values()))
+        causes |= dict.fromkeys(own or [""], Diagnosis(Cause.SAMPLES, "; ".join(faults), f"Check {places}."))
+    elif own:
         causes |= dict.fromkeys(own, _diagnose_reported(by_name, tables, is_heading=FIRMWARE in own))
     if axes is not None and is_broken and not any(diagnosis.cause is Cause.AXES for diagnosis in causes.values()):
         mirrored = value_of(by_name.get("fit.dpi.status")) == FitStatus.MIRRORED

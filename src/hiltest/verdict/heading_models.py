@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations, permutations, product
 from typing import TypeAlias
 
@@ -21,6 +21,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 MOST_CAUSES = 3
 LEAST_GAIN = 10.0  # decrease of the criterion that a further cause, or a larger model than another one, must achieve
+_TIE = 1.0
 _OUTLIERS = 0.05  # prior share of poses that no model explains
 _MOST_ISOLATED = 0.2  # share of poses above which unexplained ones are no exceptions
 _LARGEST_NOISE = 1.5  # rms of a remainder that counts as noise, as a multiple of the noise
@@ -32,10 +33,14 @@ _WIDE_DEG = 10.0  # noise while a fit approaches: errors are large at first
 _APPROACH = ((20.0, 3), (5.0, 3), (1.0, 2), (0.0, 9))  # noise [deg], 0 for that of the poses, and steps
 _CONVERGED = 1e-4
 _NEAR_NORTH_DEG = 5.0
+_DRAWS = 16
+_MOST_UNCERTAIN = 0.5
+AVERAGED = "headings averaged across 0 and 360 degrees"
 _PLACE_OF_AVERAGE = "the average or filter of headings: average their sines and cosines"
 _SAMPLES, _STARTS = 200, 3
 _STEP = 1e-5
 _NAMED_AT_MOST = 3
+_LEAST_SOFT_IRON = 0.003  # largest number by which a matrix differs from another one that turns no heading
 
 
 class Stage(IntEnum):
@@ -48,7 +53,7 @@ class Stage(IntEnum):
     SEQUENCE = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Poses:
     """True vectors at the poses of a run, in their order, and the headings that the firmware answered."""
 
@@ -63,10 +68,30 @@ class Poses:
     """Stages whose models are fitted: without the true field only the last ones."""
     hard_iron_ut: Array | None = None
     """Shape (3,). Hard iron that the firmware reports."""
+    inverse_soft_iron: Array | None = None
+    """Shape (3, 3). Matrix by which the firmware multiplies the field, if it reports it."""
 
     def headings_deg(self) -> Array:
         """Return the true headings, shape (n,)."""
         return np.asarray(answered_headings(self, (), np.zeros((0, 1)))[0])
+
+    @cached_property
+    def noisy(self) -> Poses:
+        """Poses with draws of noise in field and gravity, which have the shape (n, k, 3).
+
+        Each turns a level heading by the noise of the poses.
+        """
+        noise_rad, random = np.radians(self.noise_deg) / np.sqrt(2.0), np.random.default_rng(1)
+        across = np.linalg.norm(np.cross(self.field_ut, self.gravity_g), axis=1).mean()
+        down = np.abs(np.einsum("ni,ni->n", self.field_ut, self.gravity_g)).mean()
+        field, gravity = (
+            vectors[:, None] + size * random.normal(size=(len(vectors), _DRAWS, 3))
+            for vectors, size in (
+                (self.field_ut, noise_rad * across),
+                (self.gravity_g, noise_rad * across / max(across, down)),
+            )
+        )
+        return replace(self, field_ut=field, gravity_g=gravity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,6 +185,12 @@ class _Fit:
     """Criterion, with the least gain of each model."""
     penalty: float
     answers_deg: Array
+    noise_deg: Array
+    """Shape (n,). Noise of the answers: large where a small change of the vectors changes them much."""
+
+    def ratios(self, poses: Poses) -> Array:
+        """Return the errors of the answers as multiples of their noise, shape (n,)."""
+        return np.asarray(_wrap(poses.answered_deg - self.answers_deg) / self.noise_deg)
 
     @property
     def fitted(self) -> int:
@@ -181,7 +212,7 @@ def fit_causes(poses: Poses) -> Explanation:
     """
     models = [model for model in (*MODELS, *models_of_run(poses)) if model.stage in poses.stages]
     bases = sets = [_fit(poses, ())]
-    for number in range(MOST_CAUSES):
+    for number in range(MOST_CAUSES if models else 0):
         further = [
             _fit(poses, (*base.models, model), base.parameters)
             for base in bases
@@ -210,14 +241,17 @@ def _pairs(models: Sequence[Model]) -> list[tuple[tuple[Model, Model], Array]]:
 
 
 def _choose(fits: Sequence[_Fit]) -> _Fit:
-    """Return the fit of the lowest criterion, or a smaller one that is hardly worse."""
+    """Return the fit of the lowest criterion, or a smaller one that is hardly worse; of equal ones, the first."""
     lowest = min(fit.criterion for fit in fits)
     near = [fit for fit in fits if fit.criterion < lowest + LEAST_GAIN]
-    return min(near, key=lambda fit: (fit.fitted + len(fit.models), fit.criterion))
+    fewest = min(fit.fitted + len(fit.models) for fit in near)
+    small = [fit for fit in near if fit.fitted + len(fit.models) == fewest]
+    lowest = min(fit.criterion for fit in small)
+    return next(fit for fit in small if fit.criterion < lowest + _TIE)
 
 
 def _is_noise(poses: Poses, fit: _Fit) -> bool:
-    ratio = _wrap(poses.answered_deg - fit.answers_deg) / poses.noise_deg
+    ratio = fit.ratios(poses)
     is_far = np.abs(ratio) >= _FAR
     return bool(is_far.mean() <= _MOST_ISOLATED and _rms(ratio[~is_far]) < _LARGEST_NOISE)
 
@@ -241,8 +275,8 @@ def _explanation(poses: Poses, best: _Fit, fits: Sequence[_Fit]) -> Explanation:
                 _rms(_wrap(without - best.answers_deg)),
             )
         )
-    errors = _wrap(poses.answered_deg - best.answers_deg)
-    is_isolated = _share_of_outliers(errors / poses.noise_deg, poses.noise_deg) > 0.5
+    errors = poses.noise_deg * best.ratios(poses)
+    is_isolated = _share_of_outliers(best.ratios(poses), poses.noise_deg) > 0.5
     inner, largest_deg = errors[~is_isolated], _LARGEST_NOISE * poses.noise_deg
     is_few = 0 < is_isolated.sum() <= _MOST_ISOLATED * len(errors) and _rms(inner) <= largest_deg
     if is_few and np.abs(errors[is_isolated]).min() >= _STICKS_OUT * np.abs(inner).max():
@@ -266,7 +300,7 @@ def _are_same(poses: Poses, one: _Fit, other: _Fit) -> bool:
 
 _EXCEPTIONS = {
     "poses at which the board was not turned or stale samples": "the turntable there, and the flag of new samples",
-    "an average of headings across 0 and 360 degrees": _PLACE_OF_AVERAGE,
+    AVERAGED: _PLACE_OF_AVERAGE,
     "single corrupt headings": "reading of the sensors: torn reads, samples that are 0, an unlocked bus",
 }
 """Kinds of poses that no bug of all poses explains, and the part of the firmware to check."""
@@ -277,7 +311,8 @@ def _isolated_poses(poses: Poses, errors: Array, is_isolated: NDArray[np.bool_])
     changes = np.abs(_wrap(np.diff(poses.answered_deg, prepend=np.nan)))
     is_repeated, count = changes <= _FAR * poses.noise_deg, int(is_isolated.sum())
     is_near_north = np.abs(_wrap(poses.headings_deg())) < _NEAR_NORTH_DEG
-    kinds = is_repeated[is_isolated].all(), count > 1 and is_near_north[is_isolated].all(), True
+    is_averaged = is_near_north[is_isolated].all() and (count > 1 or is_near_north.sum() == 1)
+    kinds = is_repeated[is_isolated].all(), is_averaged, True
     name, place = next(row for row, applies in zip(_EXCEPTIONS.items(), kinds, strict=True) if applies)
     numbers = ", ".join(str(index + 1) for index in np.flatnonzero(is_isolated)[:5]) + ", ..." * (count > 5)
     words = f"{name} (pose{'s' * (count > 1)} {numbers} of {len(errors)})"
@@ -320,25 +355,29 @@ def _fit(poses: Poses, models: tuple[Model, ...], start: Array | None = None) ->
         scores = _scores(poses, answers, width_deg)
         order = np.argsort(scores)[:_STARTS]
         values, answers = values[:, order], answers[order]
-    scores = _scores(poses, answers, poses.noise_deg)
-    is_chosen = last is not None and last.choices is not None and len(last.choices) == len(scores)
-    index = int(np.argmin(scores + last.penalties() if last and is_chosen else scores))
-    best = values[:, index], float(scores[index]), answers[index]
     if free.size:
+        scores = _scores(poses, answers, poses.noise_deg)
+        index = int(np.argmin(scores))
+        best, lowest = (values[:, index], answers[index]), float(scores[index])
         for width_deg, most in _APPROACH:
             for _ in range(most):
                 before = values
                 values, answers = _improved(poses, models, before, free, limits, max(width_deg, poses.noise_deg))
                 scores = _scores(poses, answers, poses.noise_deg)
                 index = int(np.argmin(scores))
-                if scores[index] < best[1] - _CONVERGED:
-                    best = before[:, index], float(scores[index]), answers[index]
+                if scores[index] < lowest - _CONVERGED:
+                    best, lowest = (before[:, index], answers[index]), float(scores[index])
                 elif not width_deg:
                     break
     penalty = free.size * float(np.log(len(poses.answered_deg))) + LEAST_GAIN * len(models)
-    fit = _Fit(models, best[0], best[1] + penalty, penalty, best[2])
-    choices = sum(model.penalty(parameters) for model, parameters in fit.model_parameters())
-    return replace(fit, criterion=fit.criterion + choices, penalty=penalty + choices)
+    fits = []
+    for parameters, answers_deg in [best] if free.size else zip(values.T, answers, strict=True):
+        noise_deg = _noise(poses, models, parameters, answers_deg)
+        fit = _Fit(models, parameters, 0.0, penalty, answers_deg, noise_deg)
+        fit_penalty = penalty + sum(model.penalty(chosen) for model, chosen in fit.model_parameters())
+        score = float(_scores(poses, answers_deg, poses.noise_deg, noise_deg))
+        fits.append(replace(fit, criterion=score + fit_penalty, penalty=fit_penalty))
+    return min(fits, key=lambda fit: fit.criterion)
 
 
 def _start_values(model: Model) -> Array:
@@ -382,10 +421,22 @@ def _improved(
     return result, answers[-1]
 
 
-def _scores(poses: Poses, answers_deg: Array, width_deg: float) -> Array:
-    """Return minus twice the logarithm of the likelihood, shape (k,)."""
-    ratio = _wrap(poses.answered_deg - answers_deg) / width_deg
-    density = (1.0 - _OUTLIERS) * np.exp(-0.5 * ratio**2) + _outlier_density(width_deg)
+def _noise(poses: Poses, models: Sequence[Model], parameters: Array, answers_deg: Array) -> Array:
+    """Return the noise of a model's answers by that of the vectors, at least that of the poses, shape (n,).
+
+    A model that answers with noise at most poses explains nothing, so its noise is that of the poses.
+    """
+    draws = answered_headings(poses.noisy, models, np.repeat(parameters[:, None], _DRAWS, axis=1))
+    noise_deg = np.maximum(poses.noise_deg, np.sqrt((_wrap(draws - answers_deg) ** 2).mean(axis=0)))
+    is_uncertain = (noise_deg > _FAR * poses.noise_deg).mean() > _MOST_UNCERTAIN
+    return np.asarray(np.full_like(noise_deg, poses.noise_deg) if is_uncertain else noise_deg)
+
+
+def _scores(poses: Poses, answers_deg: Array, width_deg: float, noise_deg: Array | float = 0.0) -> Array:
+    """Return minus twice the logarithm of the likelihood, shape (k,), at a width or the noise of each pose."""
+    wider = np.maximum(noise_deg / width_deg, 1.0)
+    ratio = _wrap(poses.answered_deg - answers_deg) / (wider * width_deg)
+    density = (1.0 - _OUTLIERS) * np.exp(-0.5 * ratio**2) / wider + _outlier_density(width_deg)
     return np.asarray(-2.0 * np.log(density).sum(axis=-1))
 
 
@@ -402,7 +453,7 @@ def _outlier_density(width_deg: float) -> float:
 
 def answered_headings(poses: Poses, models: Sequence[Model], values: Array) -> Array:
     """Return the headings of a compass with bugs, shape (k, n); `values` has the shape (p, k)."""
-    field, gravity = poses.field_ut.T[:, None, :], poses.gravity_g.T[:, None, :]
+    field, gravity = (vectors.T.reshape(3, -1, len(vectors)) for vectors in (poses.field_ut, poses.gravity_g))
     start, changes = 0, []
     for model in models:
         count = _count(model)
@@ -486,6 +537,10 @@ def _distort(vectors: Array, parameters: Array) -> Array:
     )
 
 
+def _apply(vectors: Array, parameters: Array, *, matrix: Array, offset: Array) -> Array:
+    return np.asarray(np.einsum("ij,jkn->ikn", matrix, vectors) + offset[:, None, None])
+
+
 def _rotate(vectors: Array, parameters: Array) -> Array:
     """Rotate by a vector [deg], as Rodrigues."""
     angle = np.radians(np.linalg.norm(parameters, axis=0)) + 1e-12
@@ -513,6 +568,16 @@ def _freeze(heading_deg: Array, parameters: Array) -> Array:
     """Keep a heading from one pose on; the parameter is the number of that pose."""
     index = np.minimum(np.arange(heading_deg.shape[-1]), parameters[0].astype(int) - 1)
     return np.take_along_axis(np.broadcast_to(heading_deg, index.shape), index, axis=-1)
+
+
+def _hold(heading_deg: Array, parameters: Array) -> Array:
+    """Follow the heading only as far as it leaves a range about the answer."""
+    heading_deg, band = np.broadcast_arrays(heading_deg, parameters[0])
+    answers = [heading_deg[:, 0]]
+    for column in range(1, heading_deg.shape[1]):
+        step = _wrap(heading_deg[:, column] - answers[-1])
+        answers.append(answers[-1] + step - np.clip(step, -band[:, column], band[:, column]))
+    return np.stack(answers, axis=1)
 
 
 def _filter(heading_deg: Array, parameters: Array, *, wraps: bool) -> Array:
@@ -552,6 +617,8 @@ _OUTPUT = "the step from the heading to the answer: unit, type and rounding"
 _IRON = "the line that applies the calibration: (read - hard iron), once, multiplied by the soft iron from the left"
 _UNSIGNED = "type of the accelerometer's counts: two's complement, int16_t"
 _FILTER = "the filter's coefficient, and its time between two poses"
+_HYSTERESIS = "the threshold below which a change of the heading is ignored"
+_DRIFT = "integration of the gyroscope's rate, and offsets that depend on temperature"
 _TRIM = "calibration of the accelerometer"
 _LOOP = "the loop that reads the sensors: a full buffer, a missed interrupt, an error of the bus"
 _SIDES = {" from east": 90.0, " from south": 180.0, " from west": 270.0}
@@ -593,9 +660,19 @@ def _column(*values: float) -> Array:
     return np.array(values)[:, None]
 
 
-# Largest heading and period of integers [deg]: signed, of hundredths, of 1e-4 rad in 16 bits, and of degrees in 8 bits;
-# unsigned, of degrees in 8 bits.
-_INTEGERS = np.array([[327.67, 655.36], [187.74, 375.49], [127.0, 256.0], [255.0, 256.0]])
+def _integers() -> Array:
+    """Return largest heading and period [deg] of integers of 8 and 16 bits that a heading exceeds, shape (k, 2).
+
+    Units are those that people use: decimals of a degree and of a radian, and double degrees.
+    """
+    units = [*(10.0**-digits for digits in range(4)), *(np.degrees(10.0**-digits) for digits in range(2, 6)), 2.0, 0.5]
+    integers = [
+        (unit * (2 ** (bits - is_signed) - 1), unit * 2**bits)
+        for bits in (8, 16)
+        for unit in units
+        for is_signed in (1, 0)
+    ]
+    return np.array([integer for integer in integers if 10.0 < integer[0] < 360.0])
 
 
 def _sensor_models(sensor: str, stage: Stage) -> list[Model]:
@@ -616,7 +693,7 @@ MODELS: tuple[Model, ...] = (
         "constant offset",
         Stage.HEADING,
         _OFFSET,
-        lambda heading, offset: heading + offset[0],
+        lambda heading, offset: heading % 360.0 + offset[0],
         "{:+.2f} deg",
         ((-180.0, 180.0),),
     ),
@@ -656,10 +733,20 @@ MODELS: tuple[Model, ...] = (
         "overflow of the heading",
         Stage.HEADING,
         _OUTPUT,
-        lambda heading, integer: heading % 360.0 - integer[1] * (heading % 360.0 > integer[0]),
-        "above {:g} deg",
-        choices=_INTEGERS,
+        lambda heading, integer: (heading % 360.0 - integer[0]) % -integer[1] + integer[0],
+        "above {:.5g} deg",
+        choices=_integers(),
     ),
+    Model("headings below 0 or above 360 clamped", Stage.HEADING, _OUTPUT, lambda heading, _: heading.clip(0.0, 360.0)),
+    Model(
+        "drift with time or temperature",
+        Stage.SEQUENCE,
+        _DRIFT,
+        lambda heading, change: heading + change[0] * np.linspace(0.0, 1.0, heading.shape[-1]),
+        "{:+.1f} deg from the first pose to the last",
+        ((-180.0, 180.0),),
+    ),
+    Model("hysteresis", Stage.SEQUENCE, _HYSTERESIS, _hold, "{:.1f} deg", ((0.0, 45.0),)),
     Model(
         "low-pass filter",
         Stage.SEQUENCE,
@@ -669,7 +756,7 @@ MODELS: tuple[Model, ...] = (
         ((0.0, 0.95),),
     ),
     Model(
-        "average of headings across 0 and 360 degrees",
+        AVERAGED,
         Stage.SEQUENCE,
         _PLACE_OF_AVERAGE,
         partial(_filter, wraps=False),
@@ -685,9 +772,25 @@ def models_of_run(poses: Poses) -> list[Model]:
     last, models = np.arange(1.0, len(poses.answered_deg) - 1.0)[:, None], []
     if len(last):
         models += [Model("headings frozen", Stage.SEQUENCE, _LOOP, _freeze, "after pose {:.0f}", choices=last)]
-    if poses.hard_iron_ut is not None and np.any(poses.hard_iron_ut):
+    iron, inverse = poses.hard_iron_ut, poses.inverse_soft_iron
+    if iron is not None and np.any(iron):
+        irons = np.array([iron] if inverse is None else [inverse @ iron, iron])  # before or after the soft iron
         models += [
-            Model(f"hard iron {mistake}", Stage.FIELD, _IRON, _add, choices=times * poses.hard_iron_ut[None, :])
+            Model(f"hard iron {mistake}", Stage.FIELD, _IRON, _add, choices=times * irons)
             for mistake, times in (("ignored", 1.0), ("added", 2.0), ("subtracted twice", -1.0))
+        ]
+    if inverse is not None and np.abs(inverse - np.eye(3)).max() > _LEAST_SOFT_IRON:
+        ignored = np.asarray(np.linalg.inv(inverse), np.float64)
+        changes: list[tuple[str, Array, Array | float]] = [
+            ("soft iron ignored", ignored, 0.0),
+            ("soft iron applied twice", inverse, 0.0),
+        ]
+        if np.abs(inverse - inverse.T).max() > _LEAST_SOFT_IRON:
+            changes.append(("soft iron transposed", inverse.T @ ignored, 0.0))
+        if iron is not None and np.any(iron):
+            changes.append(("hard and soft iron ignored", ignored, iron))
+        models += [
+            Model(name, Stage.FIELD, _IRON, partial(_apply, matrix=matrix, offset=np.zeros(3) + offset))
+            for name, matrix, offset in changes
         ]
     return models

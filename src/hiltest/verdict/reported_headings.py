@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 
 from hiltest.measurement import KINDS, Measurement
-from hiltest.run_record.run import Table
+from hiltest.run_record.run import Cell, Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.heading_evidence import read_vectors
-from hiltest.verdict.heading_models import Explanation, Poses, Stage, fit_causes
+from hiltest.verdict.heading_models import AVERAGED, Explanation, Poses, Stage, fit_causes
 
 #: Subjects of such firmware's headings: its own, and those from its calibrated vectors and its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
 
 _PARTS = {ECOMPASS: "without its filter", CALIBRATED: "by its calibration alone"}
 _CONTRADICTIONS = "heading.contradictions"
+_SAMPLES = "device.samples"
 _TILT_ERROR = KINDS["accelerometer.tilt_error"]
 _OTHER_TILT = (
     "Declare pitch and roll so under [device] in the rig, negated ones with scale = -1, or correct the firmware."
@@ -29,8 +31,12 @@ _OTHER_TILT = (
 # A limit is far enough from the errors of right firmware: their rms is at most about a quarter of it.
 _NOISE_OF_LIMIT = 0.25
 _USUAL_LIMIT_DEG = 2.0
+# Share of poses that noise leaves not settled.
+_MOST_UNSETTLED = 0.1
 # Length of the mean of unit vectors along headings that scatter by 8 degrees, as only frozen ones do.
 _STANDS_STILL = 0.99
+# Difference from a wrong hard iron that noise and directions of a tumble leave: the least, and by the field's range.
+_LEAST_IRON_UT, _IRON_TOLERANCE = 0.7, 0.03
 
 
 def diagnose_firmware(
@@ -47,23 +53,36 @@ def diagnose_firmware(
     """
     limit_deg = maximum_of(measurements.get(f"heading.{FIRMWARE}.max"))
     contradictions = _contradictions(tables)
-    poses = _read_poses(tables, limit_deg or _USUAL_LIMIT_DEG)
-    if still := contradictions.get("still"):
-        moves = poses is not None and abs(np.exp(1j * np.radians(poses.answered_deg)).mean()) < _STANDS_STILL
-        bugs = fit_causes(poses) if poses and moves else None
-        return (Cause.KNOWN_BUG, [], bugs) if bugs and bugs.is_complete else (Cause.STILL, [still], None)
     right = [
         source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
     ]
+    noise_deg = _NOISE_OF_LIMIT * (limit_deg or _USUAL_LIMIT_DEG)
+    if right:  # the errors of its calibration are no bug behind it
+        noise_deg = max(noise_deg, value_of(measurements.get(f"heading.{right[0]}.rms")) or 0.0)
+    poses = _read_poses(tables, noise_deg)
+    mistake = "" if right else _hard_iron_mistake(tables)
+    if mistake and contradictions.get("still"):
+        return Cause.HARD_IRON, [mistake], None
+    if still := contradictions.get("still"):
+        moves = poses is not None and abs(np.exp(1j * np.radians(poses.answered_deg)).mean()) < _STANDS_STILL
+        bugs = fit_causes(poses) if poses and moves else None
+        right_samples = ["its samples are right"] if _SAMPLES in tables else []
+        return (
+            (Cause.KNOWN_BUG, [], bugs) if bugs and bugs.is_complete else (Cause.STILL, [still, *right_samples], None)
+        )
     errors = {source: value_of(measurements.get(f"heading.{source}.max")) for source in (CALIBRATED, ECOMPASS)}
     bias_dps = value_of(measurements.get("gyroscope.firmware.bias_error"))
     unsettled = value_of(measurements.get("device.unsettled")) or 0.0
     details = [f"calibration right ({errors[right[0]]:.2f} deg)"] if right else []
-    if frame := contradictions.get("vectors") or contradictions.get("heading"):  # another frame may explain both
+    if frame := other_frame(tables):
         return Cause.FRAME, [frame], None
     bugs = None
-    if not (right and (unsettled or bias_dps is not None)):  # either would make a filter lag
-        bugs = _fit_bugs(poses, is_field_right=bool(right)) if poses else None
+    is_settled = poses is not None and unsettled <= _MOST_UNSETTLED * len(poses.answered_deg)
+    if poses and right and (not is_settled or bias_dps is not None):  # either would make a filter lag
+        bugs = fit_causes(replace(poses, stages=()))
+        bugs = bugs if bugs.is_complete and bugs.words.startswith(AVERAGED) else None
+    elif poses:
+        bugs = _fit_bugs(poses, is_field_right=bool(right))
     if right:
         if bugs and bugs.causes:
             return Cause.KNOWN_BUG, details, bugs
@@ -79,6 +98,8 @@ def diagnose_firmware(
         details.append(f"hard iron wrong by {offset_ut:.2f} uT")
     if rotation_deg is not None:
         details.append(f"residual rotation {rotation_deg:.2f} deg")
+    if mistake:
+        return Cause.HARD_IRON, [mistake, *details], None
     if bugs and bugs.causes:
         return Cause.KNOWN_BUG, details, bugs
     return (Cause.OWN_CALIBRATION if details else Cause.NONE), details, None
@@ -91,7 +112,42 @@ def _fit_bugs(poses: Poses, *, is_field_right: bool) -> Explanation:
     return bugs if bugs and bugs.is_complete else fit_causes(poses)
 
 
-def _read_poses(tables: Mapping[str, Table], limit_deg: float) -> Poses | None:
+def _hard_iron_mistake(tables: Mapping[str, Table]) -> str:
+    """Return how the hard iron that the firmware reports follows from its own samples of the tumble; empty if unknown.
+
+    Those samples have a minimum, a maximum, and a centre, by a fit of hiltest's own.
+    """
+    field_ut = {str(row[0]): np.array(row[1:], np.float64) for row in _rows(tables, "device.tumble_field")}
+    iron_ut = next((np.array(row, np.float64) for row in _rows(tables, "heading.hard_iron")), None)
+    if iron_ut is None or "centre" not in field_ut:
+        return ""
+    centre, least, most = (field_ut[name] for name in ("centre", "minimum", "maximum"))
+    mistakes = {
+        "": centre,
+        "it is 0": 0.0 * centre,
+        "it has the opposite sign": -centre,
+        "it has lost its sign": np.abs(centre),
+        "it is half of the difference of maximum and minimum, not half of their sum": (most - least) / 2.0,
+        "it is the sum of maximum and minimum, not half of it": most + least,
+        "its axes are exchanged": min(
+            (centre[list(order)] for order in permutations(range(3))), key=lambda other: np.abs(other - iron_ut).max()
+        ),
+    }
+    away_ut = {mistake: float(np.abs(value - iron_ut).max()) for mistake, value in mistakes.items()}
+    nearest = min(away_ut, key=lambda mistake: away_ut[mistake])
+    tolerance_ut = max(_LEAST_IRON_UT, _IRON_TOLERANCE * float((most - least).max()))
+    if not nearest or away_ut[nearest] > tolerance_ut or away_ut[""] <= 2.0 * away_ut[nearest]:
+        return ""
+    rows = zip("xyz", iron_ut, centre, strict=True)
+    places = ", ".join(f"{name} {is_ut:.1f} in place of {ut:.1f}" for name, is_ut, ut in rows)
+    return f"{nearest}: {places} uT"
+
+
+def _rows(tables: Mapping[str, Table], name: str) -> Sequence[Sequence[Cell]]:
+    return tables[name].rows if name in tables else ()
+
+
+def _read_poses(tables: Mapping[str, Table], noise_deg: float) -> Poses | None:
     """Return the firmware's headings and the true vectors; records without vectors show bugs of the last stages."""
     headings, vectors = tables.get("heading.poses"), tables.get("heading.known")
     answered = None if headings is None else headings.column_if_any(f"answered.{FIRMWARE}")
@@ -105,14 +161,15 @@ def _read_poses(tables: Mapping[str, Table], limit_deg: float) -> Poses | None:
         angle = np.radians(np.array(headings.column("reference"), dtype=np.float64))
         field = np.column_stack([np.cos(angle), -np.sin(angle), np.zeros_like(angle)])
         gravity = np.tile([0.0, 0.0, 1.0], (len(angle), 1))
-    iron = tables.get("heading.hard_iron")
+    iron, soft_iron = (_rows(tables, f"heading.{name}") for name in ("hard_iron", "inverse_soft_iron"))
     return Poses(
         field,
         gravity,
         np.array(answered, dtype=np.float64),
-        _NOISE_OF_LIMIT * limit_deg,
+        noise_deg,
         stages,
-        None if iron is None or not iron.rows else np.array(iron.rows[0], dtype=np.float64),
+        np.array(iron[0], dtype=np.float64) if iron else None,
+        np.array(soft_iron[0], dtype=np.float64).reshape(3, 3) if soft_iron else None,
     )
 
 
@@ -163,6 +220,18 @@ def _note_in_brackets(result: CalibratorResult) -> str:
 def _is_within(measurement: Measurement | None, limit_deg: float | None) -> bool:
     value = value_of(measurement)
     return value is not None and limit_deg is not None and value <= limit_deg
+
+
+def other_frame(tables: Mapping[str, Table]) -> str:
+    """Return the frame in which vectors or headings are right if the declared one is wrong; it may explain both."""
+    contradictions = _contradictions(tables)
+    return contradictions.get("vectors") or contradictions.get("heading") or ""
+
+
+def sample_faults(tables: Mapping[str, Table]) -> dict[str, str]:
+    """Return what is wrong with the samples that the firmware reports, and the part of it to check."""
+    table = tables.get(_SAMPLES)
+    return {} if table is None else {str(words): str(place) for words, place in table.rows}
 
 
 def _contradictions(tables: Mapping[str, Table]) -> dict[str, str]:
