@@ -7,23 +7,21 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.measurement import Limit
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.run_record.run import Run
 from hiltest.text import join_words
 from hiltest.verdict.heading_evidence import read_vectors
-from hiltest.verdict.heading_models import MODELS, Array, Model, Poses, answered_headings
-from hiltest.verdict.heading_models import _wrap as wrap
+from hiltest.verdict.heading_models import MODELS, Array, Model, Poses, Stage, noisy_answers
 
 LEAST_SIGMAS = 5.0
 """Distance of two causes that a run tells apart, in standard deviations of the noise."""
-_NO_BUG = "no bug"
 _NAMED_AT_MOST = 5
 # A limit is far enough from the errors of right firmware: their rms is at most about a quarter of it.
 _NOISE_OF_LIMIT, _USUAL_LIMIT_DEG = 0.25, 2.0
-_SAME_DEG = 1e-3
-_TURNS = 8
+_SAME_DEG = 1e-6
 _ATTITUDES, _GOLDEN, _LARGEST_TILT_DEG = 200, (5.0**0.5 - 1.0) / 2.0, 60.0
 
 
@@ -37,17 +35,28 @@ class CausePair:
     """Root of the summed squares of the differences at all poses, in standard deviations of the noise."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    model: Model
+    words: str
+    headings: NDArray[np.complex128]
+    """Shape (n,). Mean headings as points of the unit circle."""
+
+    def differences_deg(self, other: _Row) -> Array:
+        return np.asarray(np.degrees(np.angle(self.headings * other.headings.conj())))
+
+
 def cause_pairs(poses: Poses) -> list[CausePair]:
     """Return the pairs of causes without a fitted size, the weakest first; a right compass is a cause as well.
 
     Causes whose headings are equal in every attitude are no pair, nor are two sizes of one cause.
     """
-    rows = list(zip(_rows(poses), _rows(_everywhere(poses)), strict=True))
+    rows = zip(_rows(poses), _rows(_everywhere(poses)), strict=True)
     pairs = [
-        CausePair(one[1], other[1], float(np.linalg.norm(wrap(one[2] - other[2]) / poses.noise_deg)))
+        CausePair(one.words, other.words, float(np.linalg.norm(one.differences_deg(other))) / poses.noise_deg)
         for (one, one_everywhere), (other, other_everywhere) in combinations(rows, 2)
-        if not (one[0] is other[0] and one[0].size)
-        and np.abs(wrap(one_everywhere[2] - other_everywhere[2])).max() > _SAME_DEG
+        if not (one.model is other.model and one.model.size)
+        and np.abs(one_everywhere.differences_deg(other_everywhere)).max() > _SAME_DEG
     ]
     return sorted(pairs, key=lambda pair: pair.sigmas)
 
@@ -76,33 +85,21 @@ def hidden_causes(run: Run) -> str:
         return ""
     noise_deg = noise_of_limits({measurement.name: measurement.limit for measurement in run.measurements})
     field, gravity = (read_vectors(vectors, name) for name in ("field", "gravity"))
-    _, *rows = _rows(Poses(field, gravity, np.zeros(len(field)), noise_deg))
-    hidden = [words for _, words, errors in rows if np.linalg.norm(errors) < LEAST_SIGMAS * noise_deg]
+    right, *rows = _rows(Poses(field, gravity, np.zeros(len(field)), noise_deg))
+    hidden = [row.words for row in rows if np.linalg.norm(row.differences_deg(right)) < LEAST_SIGMAS * noise_deg]
     return join_words(hidden, _NAMED_AT_MOST)
 
 
-_NONE = Model(_NO_BUG, MODELS[0].stage, "", lambda heading_deg, _: heading_deg)
+def _rows(poses: Poses) -> Iterator[_Row]:
+    """Yield a right compass and each model without fitted parameters, with headings that are means over the noise.
 
-
-def _rows(poses: Poses) -> Iterator[tuple[Model, str, Array]]:
-    """Yield each model with a cause in words and its mean errors, shape (n,).
-
-    The headings scatter evenly, with the noise's standard deviation, so that a jump at a pose becomes a ramp.
+    A jump at a pose counts with its share of the noise.
     """
-    shares = np.repeat((np.arange(_TURNS) + 0.5) / _TURNS - 0.5, len(poses.field_ut))[:, None]
-    field, gravity = (np.tile(vectors, (_TURNS, 1)) for vectors in (poses.field_ut, poses.gravity_g))
-    down, angle = (field * gravity).sum(axis=1, keepdims=True) * gravity, np.radians(np.sqrt(12.0) * poses.noise_deg)
-    cos, sin = np.cos(angle * shares), np.sin(angle * shares)
-    turned = Poses(
-        down + cos * (field - down) - sin * np.cross(gravity, field), gravity, np.zeros(len(field)), poses.noise_deg
-    )
-    true_deg = np.tile(poses.headings_deg(), _TURNS)
-    for model in (_NONE, *(model for model in MODELS if not model.limits)):
-        choices = np.zeros((1, 0)) if model.choices is None else model.choices
-        errors = answered_headings(turned, (model,), choices.T) - true_deg
-        means = np.exp(1j * np.radians(errors)).reshape(len(choices), _TURNS, -1).mean(axis=1)
-        for choice, mean in zip(choices, means, strict=True):
-            yield model, model.words(choice), np.degrees(np.angle(mean))
+    right = Model("no bug", Stage.HEADING, "", lambda heading_deg, _: heading_deg)
+    for model in (right, *(model for model in MODELS if not model.limits)):
+        for choice in np.zeros((1, 0)) if model.choices is None else model.choices:
+            angles = np.radians(noisy_answers(poses, (model,), choice))
+            yield _Row(model, model.words(choice), np.exp(1j * angles).mean(axis=0))
 
 
 def _everywhere(poses: Poses) -> Poses:
@@ -111,4 +108,4 @@ def _everywhere(poses: Poses) -> Poses:
     north_ut = float(np.linalg.norm(poses.field_ut[0] - down_ut * poses.gravity_g[0]))
     shares = np.outer(np.arange(_ATTITUDES), _GOLDEN ** np.arange(1.0, 4.0)) % 1.0
     angles_deg = np.array([360.0, *2 * [2.0 * _LARGEST_TILT_DEG]]) * (shares - [0.0, 0.5, 0.5])
-    return poses_in([Pose(*angles) for angles in angles_deg.tolist()], (north_ut, 0.0, down_ut), 1.0)
+    return poses_in([Pose(*angles) for angles in angles_deg.tolist()], (north_ut, 0.0, down_ut), poses.noise_deg)

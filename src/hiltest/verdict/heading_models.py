@@ -426,7 +426,7 @@ def _noise(poses: Poses, models: Sequence[Model], parameters: Array, answers_deg
 
     A model that answers with noise at most poses explains nothing, so its noise is that of the poses.
     """
-    draws = answered_headings(poses.noisy, models, np.repeat(parameters[:, None], _DRAWS, axis=1))
+    draws = noisy_answers(poses, models, parameters)
     noise_deg = np.maximum(poses.noise_deg, np.sqrt((_wrap(draws - answers_deg) ** 2).mean(axis=0)))
     is_uncertain = (noise_deg > _FAR * poses.noise_deg).mean() > _MOST_UNCERTAIN
     return np.asarray(np.full_like(noise_deg, poses.noise_deg) if is_uncertain else noise_deg)
@@ -472,6 +472,11 @@ def answered_headings(poses: Poses, models: Sequence[Model], values: Array) -> A
     for model, parameters in (*by_stage[Stage.HEADING], *by_stage[Stage.SEQUENCE]):
         heading_deg = model.change(heading_deg, parameters)
     return np.asarray(np.broadcast_to(heading_deg, (values.shape[1], len(poses.answered_deg))))
+
+
+def noisy_answers(poses: Poses, models: Sequence[Model], parameters: Array) -> Array:
+    """Return the headings of a compass with bugs for several draws of the noise, shape (k, n)."""
+    return answered_headings(poses.noisy, models, np.repeat(parameters[:, None], _DRAWS, axis=1))
 
 
 def _wrap(angle_deg: Array) -> Array:
