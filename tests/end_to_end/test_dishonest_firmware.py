@@ -66,18 +66,19 @@ def test_headings_that_its_own_calibration_and_means_do_not_give(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("atan2f(side, ahead)", "atan2f(-b[1], b[0])", "tilt compensation is missing"),
-        ("ahead) * DEGREES_PER_RADIAN;", "ahead) * DEGREES_PER_RADIAN + 3.5f;", "a constant +3.5 degrees is added"),
-        ("atan2f(side, ahead)", "atan2f(-side, ahead)", "each heading has the opposite sense of rotation"),
+        ("atan2f(side, ahead)", "atan2f(-b[1], b[0])", "no tilt compensation"),
+        ("ahead) * DEGREES_PER_RADIAN;", "ahead) * DEGREES_PER_RADIAN + 3.5f;", "constant offset (+3.50 deg)"),
+        ("atan2f(side, ahead)", "atan2f(-side, ahead)", "headings counted the other way"),
+        ("sin_pitch = -g[0]", "sin_pitch = g[0]", "sign of pitch"),
     ],
-    ids=["no tilt compensation", "a declination", "the wrong way round"],
+    ids=["no tilt compensation", "a declination", "the wrong way round", "the sign of pitch"],
 )
 def test_a_heading_that_another_computation_gives_names_that(
     copy_of_the_firmware: FirmwareCopy, tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     edit = Edit("orientation/tilt_heading.c", old, new)
     ended = run(copy_of_the_firmware.build(edit, tmp_path / "edited.elf"), tmp_path, "identity or heading", poses="all")
-    assert re.search(rf"the firmware contradicts itself: .* degrees; {re.escape(message)}", ended.output), ended.output
+    assert re.search(rf"the firmware contradicts itself: .* degrees; likely cause: {re.escape(message)}", ended.output), ended.output
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from hiltest.link.replies import (
 )
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, heading_error_deg, wrap_180
+from hiltest.orientation.heading_models import Poses, Stage, fit_causes
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, StoredPoses, moved, place_of
 from hiltest.procedures.heading_statistics import rms
@@ -287,44 +287,31 @@ def _headings_under(
 
 def _mistake(known_angles: RequestedAngles, name: str) -> str:
     """Return the known mistake that explains all answered headings to within rounding; empty without one."""
+    calibration, fit = known_angles.calibrations[name], known_angles.accelerometer_fits[name]
+    others = {
+        "the calibration of the accelerometer is left out": (calibration, NOMINAL),
+        **{
+            f"the calibration is stale, it is that of {other!r}": (stale, fit)
+            for other, stale in known_angles.calibrations.items()
+            if other != name
+        },
+    }
     try:
-        right = _headings_under(known_angles, known_angles.calibrations[name], known_angles.accelerometer_fits[name])
-        added = wrap_180(known_angles.heading_deg[name][0] - right[0])
-        mistakes: dict[str, Callable[[], Reals]] = {
-            f"a constant {added:+.3g} degrees is added to each heading": lambda: right + added,
-            "each heading has the opposite sense of rotation": lambda: -right,
-            **_mistaken_tilts(known_angles, name),
-            **{
-                f"the calibration is stale, it is that of {other!r}": partial(
-                    _headings_under, known_angles, calibration, known_angles.accelerometer_fits[name]
-                )
-                for other, calibration in known_angles.calibrations.items()
-                if other != name
-            },
-        }
-        return next(
-            (f"; {words}" for words, headings in mistakes.items() if _matches(headings, known_angles, name)), ""
-        )
+        for words, used in others.items():
+            pairs = zip(known_angles.heading_deg[name], _headings_under(known_angles, *used), strict=True)
+            if all(abs(heading_error_deg(*pair)) <= LARGEST_ROUNDING_DEG for pair in pairs):
+                return f"; {words}"
     except DegenerateFieldError:
         return ""
-
-
-def _mistaken_tilts(known_angles: RequestedAngles, name: str) -> dict[str, Callable[[], Reals]]:
-    calibration, fit = known_angles.calibrations[name], known_angles.accelerometer_fits[name]
-    level = replace(known_angles, accelerometer=np.tile([0.0, 0.0, 1.0], (len(known_angles.poses), 1)))
-    upwards = AccelerometerFit(-fit.gain, fit.offset)
-    return {
-        "tilt compensation is missing": partial(_headings_under, level, calibration, NOMINAL),
-        "the calibration of the accelerometer is left out": partial(
-            _headings_under, known_angles, calibration, NOMINAL
-        ),
-        "gravity has the opposite sign": partial(_headings_under, known_angles, calibration, upwards),
-    }
-
-
-def _matches(headings: Callable[[], Reals], known_angles: RequestedAngles, name: str) -> bool:
-    pairs = zip(known_angles.heading_deg[name].tolist(), headings().tolist(), strict=True)
-    return all(abs(heading_error_deg(*pair)) <= LARGEST_ROUNDING_DEG for pair in pairs)
+    poses = Poses(
+        (known_angles.magnetometer - calibration.hard_iron) @ calibration.soft_iron.T,
+        fit.gravity_g(known_angles.accelerometer),
+        known_angles.heading_deg[name],
+        LARGEST_ROUNDING_DEG,
+        stages=[stage for stage in Stage if stage is not Stage.FIELD],
+    )
+    bugs = fit_causes(poses)
+    return f"; likely cause: {bugs.words}. Check {bugs.places}" if bugs.is_complete else ""
 
 
 def _requested_angles(

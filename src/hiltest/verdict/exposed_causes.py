@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from hiltest.measurement import Limit
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
+from hiltest.orientation.heading_models import MODELS, Array, Model, Poses, Stage, noisy_answers
 from hiltest.run_record.run import Run
 from hiltest.text import join_words
 from hiltest.verdict.heading_evidence import read_vectors
-from hiltest.verdict.heading_models import MODELS, Array, Model, Poses, Stage, noisy_answers
 
 LEAST_SIGMAS = 5.0
 """Distance of two causes that a run tells apart, in standard deviations of the noise."""

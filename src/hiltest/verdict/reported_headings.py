@@ -9,12 +9,12 @@ from itertools import permutations
 import numpy as np
 
 from hiltest.measurement import KINDS, Measurement
+from hiltest.orientation.heading_models import AVERAGED, Explanation, Poses, Stage, fit_causes
 from hiltest.run_record.run import Cell, Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
 from hiltest.verdict.heading_evidence import read_vectors
-from hiltest.verdict.heading_models import AVERAGED, Explanation, Poses, Stage, fit_causes
 
 #: Subjects of such firmware's headings: its own, and those from its calibrated vectors and its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
-from hiltest.verdict.heading_models import (
+from hiltest.orientation.heading_models import (
     MODELS,
     Explanation,
     Model,
