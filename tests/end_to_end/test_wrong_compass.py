@@ -38,7 +38,7 @@ FITTED = "        background->iron = iron;\n"
             Edit("compass/main.c", "tilt_heading(state.gravity, ", f"tilt_heading({ROLL_NEGATED}, "),
             "all",
             "heading.firmware.max",
-            "sign of roll or sign in the tilt compensation, z sin(roll); calibration right",
+            "sign of roll; calibration right",
         ),
         (
             Edit("compass/main.c", "state.gravity, state.field, ", f"state.gravity, {REMOVED_TWICE}, "),

@@ -311,7 +311,9 @@ def _isolated_poses(poses: Poses, errors: Array, is_isolated: NDArray[np.bool_])
     changes = np.abs(_wrap(np.diff(poses.answered_deg, prepend=np.nan)))
     is_repeated, count = changes <= _FAR * poses.noise_deg, int(is_isolated.sum())
     is_near_north = np.abs(_wrap(poses.headings_deg())) < _NEAR_NORTH_DEG
-    is_averaged = is_near_north[is_isolated].all() and (count > 1 or is_near_north.sum() == 1)
+    # An average also carries the error to the next pose.
+    may_be_averaged = is_near_north | np.append(False, (is_near_north & is_isolated)[:-1])
+    is_averaged = may_be_averaged[is_isolated].all() and (count > 1 or is_near_north.sum() == 1)
     kinds = is_repeated[is_isolated].all(), is_averaged, True
     name, place = next(row for row, applies in zip(_EXCEPTIONS.items(), kinds, strict=True) if applies)
     numbers = ", ".join(str(index + 1) for index in np.flatnonzero(is_isolated)[:5]) + ", ..." * (count > 5)

@@ -58,10 +58,7 @@ class HeadingEvidence:
 
     def turned(self, degrees: float) -> HeadingEvidence:
         """Return the same evidence for a board that is turned about the vertical by some more degrees."""
-        along = (self.field * self.gravity).sum(axis=1, keepdims=True) * self.gravity
-        flat, angle = self.field - along, math.radians(degrees)
-        field = along + math.cos(angle) * flat - math.sin(angle) * np.cross(self.gravity, flat)
-        return replace(self, field=field)
+        return replace(self, field=turn_field(self.field, self.gravity, degrees))
 
     def axes(self) -> SensorAxes:
         """Estimate the axes of both sensors."""
@@ -159,6 +156,13 @@ class HeadingEvidence:
             )
         except DegenerateFieldError:
             return None
+
+
+def turn_field(field: Reals, gravity: Reals, degrees: Reals | float) -> Reals:
+    """Return the field, shape (n, 3), of boards that are turned about the vertical; `degrees` may have shape (n, 1)."""
+    down, angle = (field * gravity).sum(axis=1, keepdims=True) * gravity, np.radians(degrees)
+    north = field - down
+    return np.asarray(down + np.cos(angle) * north - np.sin(angle) * np.cross(gravity, north))
 
 
 def read_heading_evidence(tables: Mapping[str, Table]) -> HeadingEvidence | None:

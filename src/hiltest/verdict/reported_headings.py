@@ -14,7 +14,7 @@ from hiltest.run_record.run import Cell, Table
 from hiltest.text import format_number
 from hiltest.verdict.calibrators import CalibratorResult, maximum_of, value_of
 from hiltest.verdict.causes import Cause
-from hiltest.verdict.heading_evidence import read_vectors
+from hiltest.verdict.heading_evidence import read_vectors, turn_field
 
 #: Subjects of such firmware's headings: its own, and those from its calibrated vectors and its calibration alone.
 FIRMWARE, ECOMPASS, CALIBRATED = "firmware", "ecompass", "calibrated"
@@ -57,9 +57,7 @@ def diagnose_firmware(
         source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
     ]
     noise_deg = _NOISE_OF_LIMIT * (limit_deg or _USUAL_LIMIT_DEG)
-    if right:  # the errors of its calibration are no bug behind it
-        noise_deg = max(noise_deg, value_of(measurements.get(f"heading.{right[0]}.rms")) or 0.0)
-    poses = _read_poses(tables, noise_deg)
+    poses = _read_poses(tables, noise_deg, right)
     mistake = "" if right else _hard_iron_mistake(tables)
     if mistake and contradictions.get("still"):
         return Cause.HARD_IRON, [mistake], None
@@ -79,7 +77,7 @@ def diagnose_firmware(
     bugs = None
     is_settled = poses is not None and unsettled <= _MOST_UNSETTLED * len(poses.answered_deg)
     if poses and right and (not is_settled or bias_dps is not None):  # either would make a filter lag
-        bugs = fit_causes(replace(poses, stages=()))
+        bugs = fit_causes(replace(poses, stages=(Stage.SEQUENCE,)))
         bugs = bugs if bugs.is_complete and bugs.words.startswith(AVERAGED) else None
     elif poses:
         bugs = _fit_bugs(poses, is_field_right=bool(right))
@@ -147,8 +145,11 @@ def _rows(tables: Mapping[str, Table], name: str) -> Sequence[Sequence[Cell]]:
     return tables[name].rows if name in tables else ()
 
 
-def _read_poses(tables: Mapping[str, Table], noise_deg: float) -> Poses | None:
-    """Return the firmware's headings and the true vectors; records without vectors show bugs of the last stages."""
+def _read_poses(tables: Mapping[str, Table], noise_deg: float, right: Sequence[str] = ()) -> Poses | None:
+    """Return the firmware's headings and the true vectors; records without vectors show bugs of the last stages.
+
+    Errors of a right source, of the first one in `right`, are no bugs behind it: the field is turned by them.
+    """
     headings, vectors = tables.get("heading.poses"), tables.get("heading.known")
     answered = None if headings is None else headings.column_if_any(f"answered.{FIRMWARE}")
     if headings is None or not answered or None in answered:
@@ -156,6 +157,9 @@ def _read_poses(tables: Mapping[str, Table], noise_deg: float) -> Poses | None:
     stages: Sequence[Stage] = tuple(Stage)
     if vectors is not None and len(vectors.rows) == len(answered):
         field, gravity = (read_vectors(vectors, name) for name in ("field", "gravity"))
+        errors_deg = headings.column_if_any(f"error.{right[0]}") if right else (None,)
+        if None not in errors_deg:
+            field = turn_field(field, gravity, np.array(errors_deg, dtype=np.float64)[:, None])
     else:
         stages = (Stage.HEADING, Stage.SEQUENCE)
         angle = np.radians(np.array(headings.column("reference"), dtype=np.float64))
