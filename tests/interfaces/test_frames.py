@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -41,10 +43,17 @@ def test_the_way_back_from_any_attitude(frame: str, heading: float, pitch: float
     assert abs(heading_error_deg(result.heading_deg, heading)) < 1e-6  # float64 of a field at 62 degrees of dip
 
 
-def test_a_matrix_acts_on_vectors_as_before() -> None:
-    of = FRAMES["android"]
+@pytest.mark.parametrize("chip_to_body", [None, ((0.0, -1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))])
+def test_a_soft_iron_acts_on_raw_fields_as_before(chip_to_body: tuple[tuple[float, ...], ...] | None) -> None:
+    of = replace(FRAMES["android"], chip_to_body=chip_to_body)
     matrix, vector = np.arange(9.0), np.array([1.0, -2.0, 3.0])
-    assert of.matrix(matrix) @ of.vector(vector) == pytest.approx(of.vector(matrix.reshape(3, 3) @ vector))
+    assert of.soft_iron(matrix) @ of.raw_field(vector) == pytest.approx(of.raw_field(matrix.reshape(3, 3) @ vector))
+
+
+def test_raw_fields_are_along_the_chips_axes_and_calibrated_ones_along_the_firmwares() -> None:
+    of = replace(FRAMES["ned"], chip_to_body=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    assert of.raw_field([1.0, 2.0, 3.0]).tolist() == [-2.0, 1.0, 3.0]
+    assert of.vector([1.0, 2.0, 3.0]).tolist() == [1.0, 2.0, 3.0]
 
 
 def test_headings_that_grow_the_other_way() -> None:

@@ -117,6 +117,12 @@ def test_poses_are_twelve_headings_at_five_tilts_level_first():
     assert {(pose.pitch_deg, pose.roll_deg) for pose in poses} == {(0, 0), (20, 0), (0, -20), (20, 25), (-25, -15)}
 
 
+def test_axes_of_the_magnetometers_chip_are_those_along_the_boards(edited):
+    rig = edited("[sensors]", '[sensors]\naxes = ["-y", "x", "z"]')
+    assert rig.sensors.chip_to_body == ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    assert load_rig(DEFAULT).sensors.chip_to_body is None
+
+
 @pytest.mark.parametrize("path", sorted(RIGS.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_shipped_rig_crosses_the_axes_tilts_both_ways_and_turns_in_both_directions(path):
     rig = load_rig(path)
@@ -252,6 +258,7 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
         ("[ 1.022,  0.010, -0.006]", "[-1.022, -0.010, 0.006]", "world.soft_iron", "write mirrored = true"),
         ("[ 1.022,  0.010, -0.006]", "[ 0.010,  0.982,  0.009]", "world.soft_iron", "is singular"),
         ("[ 1.022,  0.010, -0.006]", "[ 0.0, 0.0, 0.0]", "world.soft_iron", "is singular"),
+        ("[sensors]", '[sensors]\naxes = ["y", "-y", "z"]', "sensors.axes", "x, y and z in some order"),
         ("[358.3, 58.3,", "[358.3, 358.3,", "procedure.headings_deg", "repeats a value"),
         ("[[0, 0], [20, 0],", "[[0, 0], [0, 0],", "procedure.tilts_deg", "repeats a value"),
         ("magnetometer_noise_ut = 0.4", "magnetometer_noise_ut = 0.1", "sensors", "and the world has 0.4"),

@@ -26,6 +26,8 @@ class Frame:
     """True if headings increase clockwise, seen from above."""
     zero_deg: float = 0.0
     """Compass heading at which the firmware's heading is 0: 90 for east."""
+    chip_to_body: tuple[tuple[float, ...], ...] | None = None
+    """Matrix from the magnetometer chip's axes to hiltest's; None if raw readings are along the firmware's axes."""
 
     def vector(self, numbers: ArrayLike) -> NDArray[np.float64]:
         """Return a vector in hiltest's axes."""
@@ -35,9 +37,13 @@ class Frame:
         """Return an accelerometer reading as gravity in hiltest's axes, down positive."""
         return self.gravity_sign * self.vector(numbers)
 
-    def matrix(self, numbers: ArrayLike) -> NDArray[np.float64]:
-        """Return a matrix of vectors in hiltest's axes."""
-        turn = np.array(self.to_body)
+    def raw_field(self, numbers: ArrayLike) -> NDArray[np.float64]:
+        """Return a raw reading of the magnetometer, or a hard iron, in hiltest's axes."""
+        return np.array(self.chip_to_body or self.to_body) @ np.asarray(numbers, dtype=np.float64)
+
+    def soft_iron(self, numbers: ArrayLike) -> NDArray[np.float64]:
+        """Return a matrix of raw readings in hiltest's axes."""
+        turn = np.array(self.chip_to_body or self.to_body)
         return np.asarray(turn @ np.reshape(np.asarray(numbers, dtype=np.float64), (3, 3)) @ turn.T)
 
     def heading_deg(self, angle_deg: float) -> float:

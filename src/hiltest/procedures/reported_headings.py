@@ -199,15 +199,15 @@ def samples_of(board: Board) -> Reals:
     """
     frame = frame_of(board.output.rig)
     if board.costs and (samples := board.costs.samples()) is not None:
-        return np.array([frame.vector(counts) for counts in samples], dtype=np.float64).reshape(-1, 3)
+        return np.array([frame.raw_field(counts) for counts in samples], dtype=np.float64).reshape(-1, 3)
     held = [counts for decoder in board.output.decoders.values() for counts in getattr(decoder, "buffer", {}).values()]
-    return np.array([frame.vector(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
+    return np.array([frame.raw_field(counts) for counts in held], dtype=np.float64).reshape(-1, 3)
 
 
 def frame_of(rig: Rig) -> Frame:
     """Return the convention of the firmware's axes and angles, as the rig declares it."""
     assert rig.device is not None
-    frame = FRAMES[rig.device.frame]
+    frame = replace(FRAMES[rig.device.frame], chip_to_body=rig.sensors.chip_to_body)
     return frame if rig.device.heading is None else replace(frame, clockwise=rig.device.heading == "clockwise")
 
 
@@ -236,7 +236,7 @@ def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Pro
     observations = output.observe(max(device.converge_s, device.window_s))
     if after_s is None and is_calibrated(observations):
         after_s = board.now_s() - began_s
-    raw_ut = [frame_of(output.rig).vector(value) for value in values_of(heard, Quantity.MAGNETOMETER)]
+    raw_ut = [frame_of(output.rig).raw_field(value) for value in values_of(heard, Quantity.MAGNETOMETER)]
     readings = COUNTS_PER_UT * np.array(raw_ut).reshape(-1, 3)
     if after_s is not None or not must_say:
         return SelfCalibration(duration_s, after_s, readings=readings)
@@ -266,7 +266,7 @@ def sample_faults(
     """
     frame, delivered, faults = frame_of(board.output.rig), board.delivered_samples(), []
     for sensor, quantity, convert, unit in (
-        ("magnetometer", Quantity.MAGNETOMETER, frame.vector, (COUNTS_PER_UT, "uT")),
+        ("magnetometer", Quantity.MAGNETOMETER, frame.raw_field, (COUNTS_PER_UT, "uT")),
         ("accelerometer", Quantity.ACCELEROMETER, frame.gravity, (COUNTS_PER_G, "g")),
     ):
         readings = [(row.time_s, convert(row.values[quantity])) for row in observations if quantity in row.values]
@@ -410,7 +410,7 @@ def measure_reported_angles(
                 settled,
                 field_ut=_mean(settled, Quantity.MAGNETOMETER_CALIBRATED, frame.vector),
                 gravity_g=_mean(settled, _gravity(board), frame.gravity),
-                reported_ut=_mean(settled, Quantity.MAGNETOMETER, frame.vector),
+                reported_ut=_mean(settled, Quantity.MAGNETOMETER, frame.raw_field),
                 reported_g=_mean(settled, Quantity.ACCELEROMETER, frame.gravity),
                 read_ut=_read_ut(board, settled, attitude, frame),
             )
@@ -489,7 +489,7 @@ def _heading(gravity_g: Reals | None, field_ut: Reals | None) -> float | None:
 
 
 def _read_ut(board: Board, settled: Settled, attitude: Pose, frame: Frame) -> Reals | None:
-    mean_ut = _mean(settled, Quantity.MAGNETOMETER, frame.vector)
+    mean_ut = _mean(settled, Quantity.MAGNETOMETER, frame.raw_field)
     return board.truth.read_ut(attitude) if mean_ut is None and board.truth is not None else mean_ut
 
 
@@ -512,14 +512,13 @@ def belief_of(latest: Mapping[Quantity, Reals], frame: Frame) -> Belief:
     def number(quantity: Quantity) -> float | None:
         return float(latest[quantity][0]) if quantity in latest else None
 
-    def vector(quantity: Quantity) -> Reals | None:
-        return frame.vector(latest[quantity]) if quantity in latest else None
-
-    inverse = latest.get(Quantity.INVERSE_SOFT_IRON)
+    iron, inverse, bias = (
+        latest.get(quantity) for quantity in (Quantity.HARD_IRON, Quantity.INVERSE_SOFT_IRON, Quantity.GYROSCOPE_BIAS)
+    )
     return Belief(
-        vector(Quantity.HARD_IRON),
-        None if inverse is None else frame.matrix(inverse),
-        vector(Quantity.GYROSCOPE_BIAS),
+        None if iron is None else frame.raw_field(iron),
+        None if inverse is None else frame.soft_iron(inverse),
+        None if bias is None else frame.vector(bias),
         number(Quantity.FIELD_STRENGTH),
         number(Quantity.DIP),
         number(Quantity.FIT_ERROR),

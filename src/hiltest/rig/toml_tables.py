@@ -165,8 +165,24 @@ class SensorChoice:
     """Names as in the board's identity; None for the first that answers."""
     accepted_settings: tuple[str, ...] = ()
     """Settings that the firmware may make although the models of the parts do not carry them out."""
+    axes: tuple[str, str, str] | None = None
+    """Axes of the magnetometer's chip along x, y and z of the board, such as ``-y``, if firmware that reports by itself
+    gives raw readings and calibration along the chip's axes."""
+
+    @property
+    def chip_to_body(self) -> tuple[tuple[float, ...], ...] | None:
+        """Matrix from the chip's axes to the board's; None without `axes`."""
+        if self.axes is None:
+            return None
+        signs = [(-1.0 if axis.startswith("-") else 1.0, axis[-1]) for axis in self.axes]
+        return tuple(tuple(sign * (name == other) for other in "xyz") for sign, name in signs)
 
     def __post_init__(self) -> None:
+        require(
+            self.axes is None or sorted(axis.removeprefix("-") for axis in self.axes) == ["x", "y", "z"],
+            "axes",
+            'must be x, y and z in some order, each with its sign, such as ["-y", "x", "z"]',
+        )
         strangers = [text for text in self.accepted_settings if not names_setting(text)]
         require(
             not strangers,
