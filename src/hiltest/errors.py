@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from difflib import get_close_matches
 
+LIKELY_CAUSE = "; likely cause: "
+"""Text between a message and the likely cause in it; a sentence with the next step follows the cause."""
+
 
 class HiltestError(Exception):
     """Root of every error that hiltest raises intentionally."""

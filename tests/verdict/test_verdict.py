@@ -441,6 +441,16 @@ def test_first_lines_are_one_verdict_one_number_one_cause_one_action(findings: M
     assert {failure.cause for failure in summary.failures} == {summary.causes[0]}
 
 
+def test_a_cause_in_the_message_of_a_failed_test_is_the_cause_of_the_run(findings: Make) -> None:
+    reason = "it answers 3.5 and gives 3.4 degrees; likely cause: sign of pitch. Check the formula."
+    collected = findings(tests=(TestResult("t.py::heading", TestOutcome.FAILED, 1, reason=reason),))
+    verdict = decide(collected, pytest_exit=1)
+    first = headline(collected.finish(verdict, ""), summarise(collected))
+    assert (first.number, first.cause) == ("t.py::heading: it answers 3.5 and gives 3.4 degrees", "sign of pitch")
+    assert first.action == "Check the formula."
+    assert verdict.sentence.count("sign of pitch") == 1
+
+
 def test_the_number_of_the_first_lines_is_one_that_the_cause_explains(findings: Make, heading: Heading) -> None:
     tilt = check("accelerometer.tilt_error", 50.0, unit="deg", limit=Limit(max=0.5), test="test_reports.py::test")
     collected = findings(tilt, *heading("iterative", 5.9, limit=1.8, cycles=203_000), tests=(_test("failed"),))

@@ -10,7 +10,7 @@ import numpy as np
 
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
-from hiltest.errors import DeviceError, FirmwareContradictionError
+from hiltest.errors import LIKELY_CAUSE, DeviceError, FirmwareContradictionError
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.link.messages import Average, GetCalibration
 from hiltest.link.replies import (
@@ -311,7 +311,7 @@ def _mistake(known_angles: RequestedAngles, name: str) -> str:
         stages=[stage for stage in Stage if stage is not Stage.FIELD],
     )
     bugs = fit_causes(poses)
-    return f"; likely cause: {bugs.words}. Check {bugs.places}" if bugs.is_complete else ""
+    return f"{LIKELY_CAUSE}{bugs.words}. Check {bugs.places}." if bugs.is_complete else ""
 
 
 def _requested_angles(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from shlex import quote
 
+from hiltest.errors import LIKELY_CAUSE
 from hiltest.measurement import (
     FLASH_TIE,
     KINDS,
@@ -111,6 +112,7 @@ def summarise(run: Run | Findings) -> Summary:
     failed = out_of_limit(measurements)
     reference = cost_reference(run, results)
     broken = tuple(failed_otherwise(run))
+    in_messages = dict(filter(None, map(_cause_in_message, broken)))
     tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
     named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
@@ -126,13 +128,14 @@ def summarise(run: Run | Findings) -> Summary:
     settings = [entry(difference) for difference in differences if difference.is_changed_setting]
     return Summary(
         failures=tuple(failures),
-        causes=(*settings, *distinct.values()),
+        causes=(*settings, *in_messages, *distinct.values()),
         broken=broken,
         unset=tuple(measurement for measurement in unset if measurement not in unmeasured),
         unmeasured=tuple(unmeasured),
         advice=tuple(
             dict.fromkeys(
                 (
+                    *in_messages.values(),
                     *(cause.advice for cause in [*of_failures, *causes.values()]),
                     *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
                     *([_OF_DOUBT] if near else []),
@@ -164,6 +167,13 @@ def _distinct_causes(causes: Sequence[Diagnosis]) -> dict[Cause, str]:
 
 def _failed_headings(failures: Sequence[Measurement]) -> list[str]:
     return [failure.subject for failure in failures if failure.section in _OF_CALIBRATORS]
+
+
+def _cause_in_message(test: TestResult) -> tuple[str, str] | None:
+    """Return the likely cause that the message of a failed test names, and the next step; None without one."""
+    _, separator, words = test.reason.partition(LIKELY_CAUSE)
+    cause, _, step = words.partition(". ")
+    return (cause, step) if separator else None
 
 
 def _repeat_test(test: TestResult) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from hiltest.errors import LIKELY_CAUSE
 from hiltest.measurement import UNDECIDED, Limit, Measurement, Outcome, Reference, Section, identify
 from hiltest.run_record.comparison import Change, Comparison
 from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
@@ -112,7 +113,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
             (
                 f"{opening}." if failed or not changes else f"{opening}: {changes}",
                 failures_in_words(summary.failures),
-                tests_in_words(summary.broken),
+                tests_in_words([replace(test, reason=_fault(test.reason)) for test in summary.broken]),
                 _cause_sentence(summary.causes),
                 f"Next: {summary.advice[0]}" if is_red and summary.advice else "",
                 _not_evaluated(summary, findings, word.upper()),
@@ -162,7 +163,7 @@ def headline(run: Run, summary: Summary) -> Headline:
         number = failure_in_words(worst_failure(summary))
     elif is_red and summary.broken:
         (reason, tests), *_ = group_by_reason(summary.broken).items()
-        number = f"{tests_named(tests)}: {reason}"
+        number = f"{tests_named(tests)}: {_fault(reason)}"
     elif is_red and worse:
         number = entry(worse[0])
     else:
@@ -196,6 +197,11 @@ def failure_in_words(failure: Failure) -> str:
     note = f": {measurement.note}" if measurement.note and measurement.value is not None else ""
     value = f"{measurement.name} {_value(measurement) or 'no value'}{held_to(measurement, failure.was)}"
     return f"{value}{note}" + (f", {place}" if place else "")
+
+
+def _fault(reason: str) -> str:
+    """Return the message of a failed test without the likely cause, which has a sentence of its own."""
+    return reason.partition(LIKELY_CAUSE)[0]
 
 
 def _opening(word: str, comparison: Comparison | None) -> str:
