@@ -70,10 +70,9 @@ class SampleFault:
     place: str
     """Part of the firmware to check."""
 
-    @classmethod
-    def of(cls, sensor: str, words: str, place: str) -> SampleFault:
-        """Return a fault with the name of the sensor in its words."""
-        return cls(words.format(sensor), place.format(sensor))
+
+def _fault(sensor: str, words: str, place: str) -> SampleFault:
+    return SampleFault(words.format(sensor), place.format(sensor))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,13 +115,13 @@ def describe_samples(sensor: str, unit: tuple[float, str], lines: Lines, *, is_m
 def merge_faults(first: Sequence[SampleFault], second: Sequence[SampleFault] = ()) -> tuple[SampleFault, ...]:
     """Return the faults of a magnetometer and those of an accelerometer, one of both if they have the same."""
     names = "magnetometer", "accelerometer"
-    of_second = {fault.words.replace(names[1], names[0]): fault for fault in second}
+    second_by_words = {fault.words.replace(names[1], names[0]): fault for fault in second}
     merged = []
     for fault in first:
-        other = of_second.pop(fault.words, None)
+        other = second_by_words.pop(fault.words, None)
         words = fault.words.replace(names[0], " and the ".join(names)) if other else fault.words
         merged.append(SampleFault(words, fault.place))
-    return (*merged, *of_second.values())
+    return (*merged, *second_by_words.values())
 
 
 # Relations of an axis: a name with a place, and the samples as the firmware has them.
@@ -212,8 +211,8 @@ class _Comparison:
         ends = np.searchsorted(samples[:, 0], lines.time_s, side="right")
         period_s = float(np.median(np.diff(samples[:, 0])))
         lags = np.arange(int(_LONGEST_WAIT_S / period_s) + 3)
-        a_line = int(np.median(np.diff(np.unique(ends)))) if len(np.unique(ends)) > 1 else 1
-        self._most = min(_MOST_IN_A_MEAN, a_line + a_line // 4 + 1)
+        samples_per_line = int(np.median(np.diff(np.unique(ends)))) if len(np.unique(ends)) > 1 else 1
+        self._most = min(_MOST_IN_A_MEAN, samples_per_line + samples_per_line // 4 + 1)
         places = ends[:, None] - lags
         is_last = np.append(np.diff(lines.time_s) > 0.0, True)  # others of the same reading may have waited
         used = np.flatnonzero(is_last & (places[:, -1] >= self._most))
@@ -265,33 +264,35 @@ class _Comparison:
         """Return the faults, those of whole axes first."""
         if not len(self.readings):
             return []
-        of_samples = np.ptp(self._means(self.counts, 1), axis=(0, 1))
-        if of_samples.max() <= _MOVES * self.gross:
+        sample_ranges = np.ptp(self._means(self.counts, 1), axis=(0, 1))
+        if sample_ranges.max() <= _MOVES * self.gross:
             return []
         if frozen := self._frozen():
             return frozen
-        ranges = np.ptp(self.readings, axis=0) / min(1.0, float(np.ptp(self.readings, axis=0).max() / of_samples.max()))
-        moves = of_samples > _MOVES * self.gross
-        still = [axis for axis in range(3) if moves[axis] and ranges[axis] <= _STILL * of_samples[axis]]
+        ranges = np.ptp(self.readings, axis=0) / min(
+            1.0, float(np.ptp(self.readings, axis=0).max() / sample_ranges.max())
+        )
+        moves = sample_ranges > _MOVES * self.gross
+        still = [axis for axis in range(3) if moves[axis] and ranges[axis] <= _STILL * sample_ranges[axis]]
         if any(
             relation[0].startswith("is clipped") for axis, (*_, relation) in enumerate(self.axes) if axis not in still
         ):
             still = []  # it stays at the same end
         faults = [_still_axis(self.sensor, self.unit, self.readings, axis) for axis in still]
-        of_axes = [self.axes[axis] for axis in range(3) if axis not in still]
-        holds = all(share >= _HOLDS for share, *_ in of_axes)
-        is_plain = holds and not any(relation[0] for *_, relation in of_axes)
+        moving_axes = [self.axes[axis] for axis in range(3) if axis not in still]
+        holds = all(share >= _HOLDS for share, *_ in moving_axes)
+        is_plain = holds and not any(relation[0] for *_, relation in moving_axes)
         if not is_plain and not still and (scaled := self._scale()):
             return scaled
         if still or not is_plain:
-            return faults + (self._of_axes(still) if holds else [] if still else self._corrupt())
-        sources = [(source, sign) for _, source, sign, _ in of_axes]
+            return faults + (self._axis_faults(still) if holds else [] if still else self._corrupt())
+        sources = [(source, sign) for _, source, sign, _ in moving_axes]
         if sources == [(0, 1.0), (1, 1.0), (2, 1.0)]:
             return self._corrupt()
         words = f"axes of the {{}} (x, y and z are {_axes_in_words(*zip(*sources, strict=True))})"
-        return [SampleFault.of(self.sensor, words, _DRIVER)]
+        return [_fault(self.sensor, words, _DRIVER)]
 
-    def _of_axes(self, still: Sequence[int]) -> list[SampleFault]:
+    def _axis_faults(self, still: Sequence[int]) -> list[SampleFault]:
         """Return the relations of the axes that move, one fault for those with the same."""
         by_words: dict[tuple[str, str], list[str]] = {}
         for axis, (_, _, _, (words, place, _)) in zip("xyz", self.axes, strict=True):
@@ -304,7 +305,7 @@ class _Comparison:
             if len(names) == 2:
                 verb = {"is": "are", "has": "have", "overflows": "overflow"}[verb]
                 rest = f" {rest}".replace(" its ", " their ")[1:]
-            faults.append(SampleFault.of(self.sensor, f"the {which}{{}} {verb} {rest}", place))
+            faults.append(_fault(self.sensor, f"the {which}{{}} {verb} {rest}", place))
         return faults
 
     def _frozen(self) -> list[SampleFault]:
@@ -318,7 +319,7 @@ class _Comparison:
             return []
         since = f" after {self.time_s[first]:.0f} s" if first else ""
         words = f"frozen samples of the {{}}{since}: one value, while {len(samples)} others were delivered"
-        return [SampleFault.of(self.sensor, words, _FRESH)]
+        return [_fault(self.sensor, words, _FRESH)]
 
     def _scale(self) -> list[SampleFault]:
         """Return the fault of readings that are multiples of the samples, or that have an offset."""
@@ -346,9 +347,9 @@ class _Comparison:
                 continue
             parts = value if is_factor else value / self.unit[0]
             sizes = ", ".join(f"{name} {part:.2f}" for name, part in zip("xyz", parts.round(2) + 0.0, strict=True))
-            of_all = f"multiples ({sizes})" if is_factor else f"an offset ({sizes} {self.unit[1]})"
-            best = share, f"the axes of the {{}} have {of_all} beside what was delivered"
-        return [SampleFault.of(self.sensor, best[1], _UNIT)] if best[1] else []
+            sizes_in_words = f"multiples ({sizes})" if is_factor else f"an offset ({sizes} {self.unit[1]})"
+            best = share, f"the axes of the {{}} have {sizes_in_words} beside what was delivered"
+        return [_fault(self.sensor, best[1], _UNIT)] if best[1] else []
 
     def _corrupt(self) -> list[SampleFault]:
         """Return the fault of single samples that are corrupt in the readings."""
@@ -383,21 +384,19 @@ class _Comparison:
                     best = explained, words, place, float(in_line) * len(wrong) / len(self.readings) / size
         explained, words, place, share = best
         if explained >= _HOLDS:
-            return [
-                SampleFault.of(self.sensor, f"corrupt samples: about {_percent(share)} of the {{}}'s {words}", place)
-            ]
+            return [_fault(self.sensor, f"corrupt samples: about {_percent(share)} of the {{}}'s {words}", place)]
         share, largest = (away[self.size] > _FAR * self.gross).mean(), away[self.size].max() / self.unit[0]
         if not share:
             return []
         words = f"{_percent(share)} of the {{}}'s readings are not as delivered, by up to {largest:.3g} {self.unit[1]}"
         is_isolated = share <= _MOST_ISOLATED
         words = f"corrupt samples: {words}" if is_isolated else f"{words} (a filter or another conversion)"
-        return [SampleFault.of(self.sensor, words, _WHOLE if is_isolated else _UNIT)]
+        return [_fault(self.sensor, words, _WHOLE if is_isolated else _UNIT)]
 
 
 def _still_axis(sensor: str, unit: tuple[float, str], readings: Array, axis: int) -> SampleFault:
     value = f"{np.median(readings[:, axis]) / unit[0]:.3g} {unit[1]}"
-    return SampleFault.of(sensor, f"the {'xyz'[axis]} axis of the {{}} does not move: it stays at {value}", _DRIVER)
+    return _fault(sensor, f"the {'xyz'[axis]} axis of the {{}} does not move: it stays at {value}", _DRIVER)
 
 
 def _percent(share: float | np.floating) -> str:
@@ -409,22 +408,22 @@ def _statistics(sensor: str, unit: tuple[float, str], lines: Lines, *, is_moving
     readings, ranges = lines.counts, np.ptp(lines.counts, axis=0)
     if not ranges.any() and (is_moving or sensor == "magnetometer"):  # gravity stays at level poses
         words = f"frozen samples of the {{}}: one value in {len(readings)} readings"
-        return [SampleFault.of(sensor, words, _FRESH)]
+        return [_fault(sensor, words, _FRESH)]
     still = np.flatnonzero(ranges <= _STILL * ranges.max()) if is_moving else ()
     faults = [_still_axis(sensor, unit, readings, int(axis)) for axis in still]
     if share := (~readings.any(axis=1)).mean():
-        return [SampleFault.of(sensor, f"corrupt samples: {_percent(share)} of the {{}}'s are 0, 0, 0", _WHOLE)]
+        return [_fault(sensor, f"corrupt samples: {_percent(share)} of the {{}}'s are 0, 0, 0", _WHOLE)]
     if not is_moving or faults:
         return faults
     limit = np.abs(readings).max()  # a board that rests in one position reaches one end of an axis often, not two
     at_ends = [(readings == end).sum(axis=0) for end in (limit, -limit)]
     if sum(int((count >= max(_FEWEST_AT_A_LIMIT, _SHARE_AT_A_LIMIT * len(readings))).sum()) for count in at_ends) > 1:
         words = f"the {{}} is clipped at {limit / unit[0]:.4g} {unit[1]}"
-        return [SampleFault.of(sensor, words, _RANGE)]
+        return [_fault(sensor, words, _RANGE)]
     away = np.abs(readings[1:-1] - 0.5 * (readings[:-2] + readings[2:])).max(axis=1)
     returns = np.abs(readings[2:] - readings[:-2]).max(axis=1) < _RETURNS * away  # a turn does not
     share = (returns & (away > _STICKS_OUT * np.median(away))).mean()
     if not 0.0 < share <= _MOST_ISOLATED:
         return []
     words = f"corrupt samples: {_percent(share)} of the {{}}'s readings stick out from those beside them"
-    return [SampleFault.of(sensor, words, _WHOLE)]
+    return [_fault(sensor, words, _WHOLE)]
