@@ -13,6 +13,7 @@ from hiltest.errors import ConfigError
 from hiltest.measurement import EXACT, Limit, Outcome, Tolerance
 from hiltest.run_record.comparison import Change, Comparison
 from hiltest.run_record.exit_codes import comparison_code
+from hiltest.run_record.run import Column, Table
 from hiltest.verdict.baseline import Baseline, accept, baseline_of, evidence_from, renewed
 from hiltest.verdict.baseline_file import read_baseline, to_json
 from hiltest.verdict.compare import compare, review
@@ -59,6 +60,17 @@ def test_a_baseline_compared_with_its_own_run_has_only_unchanged(baseline: Basel
     }
     assert (comparison.base.file, comparison.base.saved_utc) == (str(file), THEN)
     assert len(comparison.base.sha256) == 64
+
+
+def test_a_baseline_keeps_the_heading_errors_of_its_first_seed(tmp_path: Path) -> None:
+    names = ("heading", "pitch", "roll", "reference", "error.direct")
+    poses = Table("heading.poses", tuple(map(Column, names)), ((358.3, 0.0, 20.0, 0.0, 0.12345),))
+    file = tmp_path / "base.json"
+    file.write_text(to_json(baseline_of(replace(run(), poses=poses), THEN)), encoding="utf-8")
+    table = read_evidence(file).poses
+    assert table is not None
+    assert [column.name for column in table.columns] == ["heading", "pitch", "roll", "error.direct"]
+    assert table.rows == ((358.3, 0.0, 20.0, 0.123),)
 
 
 def test_another_program_may_have_written_it_in_its_own_order(baseline: Baseline, tmp_path: Path) -> None:

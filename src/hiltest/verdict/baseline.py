@@ -14,15 +14,16 @@ from hiltest.json_files import shown
 from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.run_record.comparison import FromBuild, Side
 from hiltest.run_record.outcomes import TestOutcome
-from hiltest.run_record.run import refuse_twice
+from hiltest.run_record.run import Column, Table, refuse_twice
 from hiltest.text import format_count, id_without_repetition
-from hiltest.verdict.evidence import REAL, Accepted, Conditions, Evidence, Seed
+from hiltest.verdict.evidence import ERROR_COLUMN, REAL, Accepted, Conditions, Evidence, Seed
 from hiltest.verdict.obstacles import obstacles
 from hiltest.verdict.statistics import mean_value
 
 SCHEMA: Literal["hiltest.baseline/2"] = "hiltest.baseline/2"
 UNSEALED_SCHEMA: Literal["hiltest.baseline/1"] = "hiltest.baseline/1"
 """Schema of older files, which have no digest of their content."""
+_POSE = ("heading", "pitch", "roll")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,8 @@ class Baseline:
     """Ids of the tests that passed on every seed; empty in older files, which lack them."""
     suites: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of each file of tests and each conftest.py of the saved run; empty in older files, which lack it."""
+    poses: Table | None = None
+    """Heading errors at the known angles, on the first seed; None in older files, which lack them."""
 
     def __post_init__(self) -> None:
         if not self.seeds:
@@ -108,6 +111,7 @@ def baseline_of(evidence: Evidence, saved_utc: str) -> Baseline:
         rows,
         passed=_passed_tests(evidence),
         suites=evidence.suites,
+        poses=_heading_errors(evidence.poses),
     )
 
 
@@ -134,6 +138,7 @@ def evidence_from(baseline: Baseline, file: str, sha256: str) -> Evidence:
         sealed=baseline.schema == SCHEMA,
         record=baseline.side.sha256,
         history=baseline.history,
+        poses=baseline.poses,
         tests={
             seed: dict.fromkeys(map(id_without_repetition, baseline.passed), TestOutcome.PASSED)
             for seed in baseline.seeds
@@ -171,6 +176,19 @@ def accepted_from(rows: Sequence[BaselineRow]) -> tuple[FromBuild, ...]:
     """Count the measurements that come from other builds than the side's."""
     counts = Counter(row.build_id for row in rows if row.build_id is not None)
     return tuple(FromBuild(build_id, counts[build_id]) for build_id in sorted(counts))
+
+
+def _heading_errors(poses: Table | None) -> Table | None:
+    """Return the columns that a picture of the errors needs, in thousandths of a degree."""
+    if poses is None:
+        return None
+    names = [column.name for column in poses.columns if column.name in _POSE or column.name.startswith(ERROR_COLUMN)]
+    rows = zip(*(poses.column(name) for name in names), strict=True)
+    return Table(
+        poses.name,
+        tuple(Column(name, "deg") for name in names),
+        tuple(tuple(round(cell, 3) if isinstance(cell, float) else cell for cell in row) for row in rows),
+    )
 
 
 def _passed_tests(evidence: Evidence) -> tuple[str, ...]:
@@ -266,7 +284,8 @@ def _replace_rows(
     if run.conditions is not None and run_rows == {name: _as_in_run(row, run_rows) for name, row in remaining.items()}:
         side = replace(kept_side(run, baseline.saved_utc), seeds=baseline.side.seeds)
         rows_from_run = tuple(run_rows.values())
-        return replace(baseline, side=side, conditions=run.conditions, measurements=rows_from_run, suites=run.suites)
+        baseline = replace(baseline, suites=run.suites, poses=_heading_errors(run.poses))
+        return replace(baseline, side=side, conditions=run.conditions, measurements=rows_from_run)
     build_id = baseline.side.build_id
     measurements = tuple(replace(row, build_id=None) if row.build_id == build_id else row for row in remaining.values())
     side = replace(baseline.side, saved_utc=baseline.saved_utc, accepted=accepted_from(measurements))

@@ -76,7 +76,7 @@ def to_json(baseline: Baseline, before: Any = None) -> str:
             {name: value for name, value in item.items() if name not in silent or value is not None}
             for item in content[kind]
         ]
-    for name in ("passed", "suites"):
+    for name in ("passed", "suites", "poses"):
         if not content[name]:
             del content[name]
     content["digest"] = content_digest(content)
@@ -98,7 +98,7 @@ def _add_silent_fields(before: Any) -> Any:
 def _field(name: str, value: Any) -> str:
     if name in ("measurements", "history", "passed"):
         return "[" + ",".join(f"\n {json_line(item)}" for item in value) + "]"
-    return json_line(value) if name == "seeds" else json_text(value)
+    return json_line(value) if name in ("seeds", "poses") else json_text(value)
 
 
 def add_unknown_fields(written: Any, read: Any) -> Any:

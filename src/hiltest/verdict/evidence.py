@@ -19,6 +19,8 @@ Seed = int | None
 """Seed; None for a board that simulates nothing, and the number of the run if such a board ran several times."""
 
 
+ERROR_COLUMN = "error."
+"""Beginning of the name of a column with the heading errors of a calibrator."""
 POSES_TABLE, BASE_POSES_TABLE = "heading.poses", "heading.base_poses"
 """Tables with the headings at the known angles: of a run, and in a compared run those of its base."""
 NO_BOARD = "none"
@@ -105,7 +107,7 @@ class Evidence:
     history: tuple[Accepted, ...] = ()
     """Accepted changes of a baseline, oldest first."""
     poses: Table | None = None
-    """Headings at the known angles; None for several runs, for a baseline file, and without any."""
+    """Headings at the known angles, of several runs those of the first; None without any."""
 
     @property
     def name(self) -> str:
@@ -208,6 +210,7 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         tests=tests,
         suites=first.suites,
         record=digest,
+        poses=first.poses,
     )
 
 

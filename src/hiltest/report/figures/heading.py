@@ -14,11 +14,10 @@ from hiltest.report.svg import Figure, Point, Sheet
 from hiltest.run_record.comparison import Change
 from hiltest.run_record.run import Run, Table
 from hiltest.verdict.calibrators import UNCALIBRATED
-from hiltest.verdict.evidence import BASE_POSES_TABLE, POSES_TABLE
+from hiltest.verdict.evidence import BASE_POSES_TABLE, ERROR_COLUMN, POSES_TABLE
 from hiltest.verdict.summary import Summary
 from hiltest.verdict.verdict import worst_failure
 
-_ERROR = "error."
 _MOST = 4
 _HALF_TURN = 180.0
 _PREDICTED = "predicted by the likely cause"
@@ -113,15 +112,15 @@ def failed_heading(run: Run, summary: Summary) -> FailedHeading | None:
     worse = run.comparison.differences_with(Change.WORSE) if run.comparison and run.comparison.regression else ()
     first = worst_failure(summary).measurement.name if summary.failures else worse[0].name if worse else ""
     name = identify(first).subject if identify(first).section is Section.HEADING else ""
-    if table is None or not any(column.name == f"{_ERROR}{name}" for column in table.columns):
+    if table is None or not any(column.name == f"{ERROR_COLUMN}{name}" for column in table.columns):
         return None
     count = len(table.rows)
     predicted = summary.predicted_deg.get(name, ())
     base = run.table(BASE_POSES_TABLE)
-    base_errors = [] if base is None else numbers(base, f"{_ERROR}{name}")
+    base_errors = [] if base is None else numbers(base, f"{ERROR_COLUMN}{name}")
     poses = _poses(
         table,
-        numbers(table, f"{_ERROR}{name}"),
+        numbers(table, f"{ERROR_COLUMN}{name}"),
         base_errors if len(base_errors) == count else [math.nan] * count,
         predicted if len(predicted) == count else [math.nan] * count,
     )
@@ -140,8 +139,10 @@ def heading_group(run: Run, *, drawn: str = "") -> FigureGroup | None:
     table = run.table(POSES_TABLE)
     if table is None or not table.rows:
         return None
-    columns = [column.name.removeprefix(_ERROR) for column in table.columns if column.name.startswith(_ERROR)]
-    errors = {name: numbers(table, f"{_ERROR}{name}") for name in columns if name not in (UNCALIBRATED, drawn)}
+    columns = [
+        column.name.removeprefix(ERROR_COLUMN) for column in table.columns if column.name.startswith(ERROR_COLUMN)
+    ]
+    errors = {name: numbers(table, f"{ERROR_COLUMN}{name}") for name in columns if name not in (UNCALIBRATED, drawn)}
     limits = {name: upper_limit(run.measurement(f"heading.{name}.max")) for name in errors}
     sizes = [abs(error) for series in errors.values() for error in series if math.isfinite(error)]
     top = 1.15 * max([*sizes, *filter(None, limits.values()), 0.1])
