@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from hiltest.procedures.settling import agree, confirmed
+from hiltest.procedures.settling import agree, confirmed, isolated
 
 
 def around(mean_deg: float, noise_deg: float, n: int = 40, seed: int = 1) -> list[float]:
@@ -48,6 +48,14 @@ def test_a_single_reading_has_no_noise_to_excuse_it() -> None:
 )
 def test_a_heading_counts_where_a_neighbour_confirms_it(message: list[float], stored: list[float]) -> None:
     assert confirmed(message, [False] * len(message)) == stored
+
+
+@pytest.mark.parametrize(
+    ("headings", "count"),
+    [([10.0, 10.5, 200.0, 10.2, 10.1], 1), ([359.0, 180.0, 1.0], 1), ([10.0, 60.0, 110.0], 0), ([10.0, 200.0], 0)],
+)
+def test_a_heading_sticks_out_if_its_neighbours_agree_without_it(headings: list[float], count: int) -> None:
+    assert isolated(headings) == count
 
 
 def test_a_heading_with_a_right_check_value_needs_no_neighbour_and_is_one() -> None:

@@ -24,7 +24,7 @@ LIMITS = {"heading.firmware.max": 2.0, "heading.ecompass.max": 5.0, "heading.cal
 
 
 def measured(**values: float) -> list[Measurement]:
-    units = {"bias_error": "dps", "offset_error": "uT", "unsettled": ""}
+    units = {"bias_error": "dps", "offset_error": "uT", "unsettled": "", "unconfirmed": ""}
     limited = {name.replace("__", "."): value for name, value in values.items()}
     return [
         check(
@@ -86,6 +86,19 @@ def test_a_filter_that_lags_behind_a_right_calibration() -> None:
     )
     assert result is Cause.FILTER
     assert words == "its filter (calibration right (0.80 deg), gyroscope offset wrong by 1.36 dps)"
+
+
+def test_headings_that_stick_out_of_those_beside_them_are_corrupt() -> None:
+    values = {"heading__firmware__max": 14.0, "heading__calibrated__max": 0.8, "device__unconfirmed": 5.0}
+    assert cause(**values)[0] is Cause.ISOLATED
+    assert cause(**values | {"device__unconfirmed": 0.0})[0] is Cause.FILTER
+
+
+def test_headings_in_radians_follow_the_board() -> None:
+    tables = answers(lambda heading: np.radians(heading) - heading)
+    said = {"still": "they cover 5.2 deg while the board is turned through 330"}
+    result, words = cause(said=said, tables=tables, heading__firmware__max=179.0)
+    assert (result, words) == (Cause.KNOWN_BUG, "headings in radians")
 
 
 def test_headings_that_still_move_are_not_settled_and_not_wrong() -> None:

@@ -162,7 +162,7 @@ class ReportedAngles(KnownAngles):
 
     @property
     def unconfirmed(self) -> int:
-        """Number of headings that were dropped because their neighbours contradict them."""
+        """Number of headings that their neighbours contradict."""
         return sum(pose.settled.unconfirmed for pose in self.held)
 
 

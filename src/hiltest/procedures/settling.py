@@ -43,7 +43,7 @@ class Settled:
     window: Sequence[Observation]
     """Observations of the last window."""
     unconfirmed: int = 0
-    """Number of headings in all windows that were dropped because both neighbours contradict them."""
+    """Number of headings in all windows that both neighbours contradict; those of a real board were dropped."""
     delivered: Mapping[str, tuple[int, NDArray[np.float64]]] | None = None
     """Number and mean, shape (3,) [uT], of the samples that each magnetometer delivered during the wait; None if the
     board does not observe them."""
@@ -99,6 +99,8 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
                 confirmed(headings_deg, [observation.checked for observation in observations]),
             )
             unconfirmed += count - len(headings_deg)
+        else:  # a virtual line changes no byte, so that the firmware has sent all of them
+            unconfirmed += isolated(headings_deg)
         if not headings_deg:
             if unconfirmed:
                 raise DeviceTimeoutError("a heading that a neighbour confirms", device.window_s, board.clock)
@@ -133,6 +135,15 @@ def confirmed(headings_deg: Sequence[float], checked: Sequence[bool]) -> list[fl
     beside = [before or behind for before, behind in zip([False, *near], [*near, False], strict=True)]
     neighbours = zip(headings_deg, beside, checked, strict=False)  # even without headings `beside` has one element
     return [heading for heading, is_near, is_checked in neighbours if is_near or is_checked]
+
+
+def isolated(headings_deg: Sequence[float]) -> int:
+    """Return the number of headings that both neighbours contradict although these agree with each other."""
+    near = [abs(wrap_180(after - one)) <= NEIGHBOURS_DEG for one, after in pairwise(headings_deg)]
+    around = [
+        abs(wrap_180(after - one)) <= NEIGHBOURS_DEG for one, after in zip(headings_deg, headings_deg[2:], strict=False)
+    ]
+    return sum(agrees and not one and not other for agrees, (one, other) in zip(around, pairwise(near), strict=True))
 
 
 def agree(first_deg: Sequence[float], second_deg: Sequence[float]) -> bool:

@@ -39,6 +39,7 @@ class Cause(StrEnum):
     STILL = "a heading that does not follow the board"
     NOT_SETTLED = "filter not settled"
     FILTER = "its filter"
+    ISOLATED = "single corrupt headings"
     OWN_CALIBRATION = "its own calibration"
     KNOWN_BUG = "known bug"
 
@@ -61,6 +62,8 @@ ADVICE = {
     Cause.STILL: "Turn the board while hiltest listen runs: check that this is the heading, its unit and its scale.",
     Cause.NOT_SETTLED: "Let the filter converge: increase converge_s or settle_s under [device], or make the filter "
     "faster.",
+    Cause.ISOLATED: "Look for headings far from those beside them, with hiltest listen: a torn copy of the result, or "
+    "another task that writes it.",
     Cause.FILTER: "Compare the heading with that of the calibrated vectors: the difference comes from the filter.",
     Cause.OWN_CALIBRATION: "Turn the board through more directions (tumbles, tumble_s), or check its fit.",
 }

@@ -33,8 +33,8 @@ _NOISE_OF_LIMIT = 0.25
 _USUAL_LIMIT_DEG = 2.0
 # Share of poses that noise leaves not settled.
 _MOST_UNSETTLED = 0.1
-# Length of the mean of unit vectors along headings that scatter by 8 degrees, as only frozen ones do.
-_STANDS_STILL = 0.99
+# Range of frozen headings, as a multiple of their noise.
+_STANDS_STILL = 5.0
 # Difference from a wrong hard iron that noise and directions of a tumble leave: the least, and by the field's range.
 _LEAST_IRON_UT, _IRON_TOLERANCE = 0.7, 0.03
 
@@ -62,7 +62,7 @@ def diagnose_firmware(
     if mistake and contradictions.get("still"):
         return Cause.HARD_IRON, [mistake], None
     if still := contradictions.get("still"):
-        moves = poses is not None and abs(np.exp(1j * np.radians(poses.answered_deg)).mean()) < _STANDS_STILL
+        moves = poses is not None and np.ptp(poses.answered_deg) > _STANDS_STILL * noise_deg
         bugs = fit_causes(poses) if poses and moves else None
         right_samples = ["its samples are right"] if _SAMPLES in tables else []
         return (
@@ -84,6 +84,10 @@ def diagnose_firmware(
     if right:
         if bugs and bugs.causes:
             return Cause.KNOWN_BUG, details, bugs
+        if isolated := value_of(measurements.get("device.unconfirmed")):
+            return Cause.ISOLATED, [f"{isolated:.0f} of the lines at known angles", *details], None
+        if bugs and bugs.pattern:
+            details.append(bugs.pattern)
         if unsettled:
             details.append(f"not settled at {unsettled:.0f} known angles")
         if bias_dps is not None:
