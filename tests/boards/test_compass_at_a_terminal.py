@@ -67,5 +67,5 @@ def test_it_calibrates_itself_in_a_hand_and_its_headings_are_judged_with_u(turn:
     assert result["value"] < 1.0
     assert result["uncertainty"] == pytest.approx(0.7071, abs=1e-4)
     assert "(limit 3 with U 0.71)" in shown
-    assert "Turn it in all directions for 20 s" in shown
+    assert "Turn it all round for 20 s" in shown
     assert "How much of the sphere is seen" not in shown  # only hiltest's firmware shows its points

@@ -92,7 +92,7 @@ def test_it_ends_at_a_virtual_time_and_sums_up(serve: Serve, banner: Path) -> No
     assert re.fullmatch(r"asleep in main \(banner\.c:\d+\)", where)
     (told,) = [line for line in answer.splitlines() if "not modelled" in line]
     assert told.startswith("CMP0_CR0 at 0x40073000 is not modelled; write of 0x11 from 0x")
-    assert told.endswith("kept; 3 accesses")
+    assert told.endswith("stored; 3 accesses")
 
 
 def test_gdb_finds_the_board_at_its_first_instruction(serve: Serve, banner: Path) -> None:
