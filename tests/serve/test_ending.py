@@ -101,7 +101,7 @@ def test_registers_that_are_not_modelled_are_told_once(serve: Serve, foreign: Pa
     _, answer = served.end()
     (told,) = [line for line in answer.splitlines() if "not modelled" in line]
     assert told.startswith("AXBS_PRS0 at 0x40004000 is not modelled; write of 0x00000002 from 0x")
-    assert re.search(r" in \w+ \(upper_case\.c:\d+\) kept; 1 access$", told)
+    assert re.search(r" in \w+ \(upper_case\.c:\d+\) was stored; 1 access$", told)
 
 
 @pytest.mark.parametrize(
