@@ -66,9 +66,9 @@ def test_a_report_names_the_bugs_that_its_poses_hide(
     columns = tuple(
         Column(f"{vector}_{axis}", unit) for vector, unit in (("field", "uT"), ("gravity", "g")) for axis in "xyz"
     )
-    made = findings()
-    made.tables["heading.known"] = Table(
+    collected = findings()
+    collected.tables["heading.known"] = Table(
         "heading.known", columns, tuple(map(tuple, np.hstack([poses.field_ut, poses.gravity_g]).tolist()))
     )
-    run: Run = made.finish(decide(made, pytest_exit=0), "2026-01-02T03:05:00Z")
+    run: Run = collected.finish(decide(collected, pytest_exit=0), "2026-01-02T03:05:00Z")
     assert ("no tilt compensation" in dict(provenance(run)).get("bugs that these poses do not show", "")) is is_hidden

@@ -96,8 +96,7 @@ def test_headings_that_stick_out_of_those_beside_them_are_corrupt() -> None:
 
 def test_headings_in_radians_follow_the_board() -> None:
     tables = answers(lambda heading: np.radians(heading) - heading)
-    said = {"still": "they cover 5.2 deg while the board is turned through 330"}
-    result, words = cause(said=said, tables=tables, heading__firmware__max=179.0)
+    result, words = cause("firmware", {"still": "they cover 5.2 deg"}, tables, heading__firmware__max=179.0)
     assert (result, words) == (Cause.KNOWN_BUG, "headings in radians")
 
 
