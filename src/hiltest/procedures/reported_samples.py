@@ -64,7 +64,7 @@ _SIGNED_AXES = [
 
 @dataclass(frozen=True, slots=True)
 class SampleFault:
-    """What is wrong with the samples of a sensor."""
+    """A fault of the samples of a sensor."""
 
     words: str
     place: str
@@ -174,7 +174,7 @@ def _turn_again(counts: Array, before: Array, *, order: list[int], signs: Array,
     return [(before if of_before else counts)[..., order] * signs]
 
 
-# Corrupt single samples: a name with a place, and what an axis may hold in place of the right sample.
+# Corrupt single samples: a name with a place, and the values that an axis may hold in place of the right sample.
 _CORRUPT: tuple[tuple[str, str, _Corrupt], ...] = (
     ("are 0, 0, 0", _WHOLE, lambda counts, before: [0.0 * counts]),
     ("have all bits set, as on a bus without an answer", _WHOLE, lambda counts, before: [0.0 * counts - 1.0]),
@@ -371,16 +371,16 @@ class _Comparison:
                 if len(options) == 1 and size <= _MOST_COMBINED:  # several samples of a mean may be corrupt
                     sets = [list(some) for number in (1, 2, 3) for some in combinations(range(size), number)]
                 differences = [option - counts for option in options]
-                left = np.stack(
+                remainders = np.stack(
                     [
                         np.min([np.abs(rest - one[:, :, some].sum(axis=2)) for one in differences], axis=0).max(axis=2)
                         for some in sets
                     ],
                     axis=-1,
                 ).min(axis=1)  # (lines, sets)
-                explained = float((left.min(axis=1) <= size * self.exact).mean())
+                explained = float((remainders.min(axis=1) <= size * self.exact).mean())
                 if explained > best[0] + _BETTER:
-                    in_line = np.mean([len(sets[index]) for index in left.argmin(axis=1)])
+                    in_line = np.mean([len(sets[index]) for index in remainders.argmin(axis=1)])
                     best = explained, words, place, float(in_line) * len(wrong) / len(self.readings) / size
         explained, words, place, share = best
         if explained >= _HOLDS:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
+from hiltest.errors import LIKELY_CAUSE
 from hiltest.measurement import Measurement, Outcome
 from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
 from hiltest.run_record.exit_codes import ExitCode
@@ -176,7 +177,7 @@ def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder:
     """Print the failures below the headline, which names the first: a few of each kind, or all."""
     first = worst_failure(summary_of_run) if summary_of_run.failures else None
     failures = [
-        "; likely cause: ".join(filter(None, (failure_in_words(failure), summary_of_run.other_cause(failure))))
+        LIKELY_CAUSE.join(filter(None, (failure_in_words(failure), summary_of_run.other_cause(failure))))
         for failure in summary_of_run.failures
         if failure is not first
     ]

@@ -15,12 +15,11 @@ from hiltest.orientation.heading_models import MODELS, Array, Model, Poses, Stag
 from hiltest.run_record.run import Run
 from hiltest.text import join_words
 from hiltest.verdict.heading_evidence import read_vectors
+from hiltest.verdict.reported_headings import noise_of_limit
 
 LEAST_SIGMAS = 5.0
 """Distance of two causes that a run tells apart, in standard deviations of the noise."""
 _NAMED_AT_MOST = 5
-# A limit is far enough from the errors of right firmware: their rms is at most about a quarter of it.
-_NOISE_OF_LIMIT, _USUAL_LIMIT_DEG = 0.25, 2.0
 _SAME_DEG = 1e-6
 _ATTITUDES, _GOLDEN, _LARGEST_TILT_DEG = 200, (5.0**0.5 - 1.0) / 2.0, 60.0
 
@@ -75,7 +74,7 @@ def noise_of_limits(limits: Mapping[str, Limit | None]) -> float:
         for name, limit in limits.items()
         if limit is not None and limit.max is not None and name.startswith("heading.") and name.endswith(".max")
     ]
-    return _NOISE_OF_LIMIT * min(largest_deg, default=_USUAL_LIMIT_DEG)
+    return noise_of_limit(min(largest_deg, default=None))
 
 
 def hidden_causes(run: Run) -> str:

@@ -56,7 +56,7 @@ def diagnose_firmware(
     right = [
         source for source in (CALIBRATED, ECOMPASS) if _is_within(measurements.get(f"heading.{source}.max"), limit_deg)
     ]
-    noise_deg = _NOISE_OF_LIMIT * (limit_deg or _USUAL_LIMIT_DEG)
+    noise_deg = noise_of_limit(limit_deg)
     poses = _read_poses(tables, noise_deg, right)
     mistake = "" if right else _hard_iron_mistake(tables)
     if mistake and contradictions.get("still"):
@@ -105,6 +105,11 @@ def diagnose_firmware(
     if bugs and bugs.causes:
         return Cause.KNOWN_BUG, details, bugs
     return (Cause.OWN_CALIBRATION if details else Cause.NONE), details, None
+
+
+def noise_of_limit(limit_deg: float | None) -> float:
+    """Return the noise of right firmware's headings [deg] that a limit of their largest error allows for."""
+    return _NOISE_OF_LIMIT * (limit_deg or _USUAL_LIMIT_DEG)
 
 
 def _fit_bugs(poses: Poses, *, is_field_right: bool) -> Explanation:
@@ -237,7 +242,7 @@ def other_frame(tables: Mapping[str, Table]) -> str:
 
 
 def sample_faults(tables: Mapping[str, Table]) -> dict[str, str]:
-    """Return what is wrong with the samples that the firmware reports, and the part of it to check."""
+    """Return the faults of the samples that the firmware reports, each with the part of the firmware to check."""
     table = tables.get(_SAMPLES)
     return {} if table is None else {str(words): str(place) for words, place in table.rows}
 

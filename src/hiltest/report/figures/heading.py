@@ -55,7 +55,7 @@ class FailedHeading:
         if base := [(pose.heading_deg, pose.base_deg) for pose in self.poses if math.isfinite(pose.base_deg)]:
             figure.series("base", base, mark=Mark.DOT, mark_style="neutral filled", radius=2.5)
         curves = []
-        for index, (tilt, poses) in enumerate(self._by_tilt()):
+        for index, (tilt, poses) in enumerate(self._tilt_groups()):
             style, mark = series(index)
             points = [(pose.heading_deg, pose.error_deg) for pose in poses]
             figure.series(tilt, points, mark=mark, mark_style=f"{style} filled")
@@ -78,7 +78,7 @@ class FailedHeading:
 
         GitHub removes inline SVG and addresses of data from Markdown.
         """
-        tilt, poses = max(self._by_tilt(), key=lambda group: max(abs(pose.error_deg) for pose in group[1]))
+        tilt, poses = max(self._tilt_groups(), key=lambda group: max(abs(pose.error_deg) for pose in group[1]))
         bounds = [] if self.limit is None else [self.limit, -self.limit]
         candidates = (
             *(("green", "limit", [bound] * len(poses)) for bound in bounds),
@@ -102,7 +102,7 @@ class FailedHeading:
         meanings = dict.fromkeys(f"{colour}: {name}" for colour, name, _ in reversed(lines))
         yield from ("```", "", f"Heading error, {tilt}. {'; '.join(meanings).capitalize()}.")
 
-    def _by_tilt(self) -> list[tuple[str, list[_Pose]]]:
+    def _tilt_groups(self) -> list[tuple[str, list[_Pose]]]:
         return [(tilt, list(poses)) for tilt, poses in groupby(self.poses, key=lambda pose: pose.tilt)]
 
 
