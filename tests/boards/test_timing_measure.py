@@ -335,7 +335,7 @@ def test_each_candidate_is_shown_with_its_clocks_and_which_one_survives(by_rules
         "fp_misplaced: 68 clocks\n    5 NOP around 48 misaligned VADD\n"
         "      53 none waits\n  >   68 one in three waits\n      76 one in two waits\n"
     ) in shown
-    assert "      77 one in two waits\n    no candidate predicts it\n" in shown
+    assert "      77 one in two waits\n    no candidate matches\n" in shown
     assert all(f"\n{question.sequence}: " in shown for question in questions(values(load_profile(WITH_RULES))))
 
 

@@ -88,8 +88,8 @@ def print_measured(console: Console, measured: MeasuredProfile) -> None:
 
 def print_judgements(console: Console, judgements: Iterable[Judgement]) -> None:
     """Print the predictions of the candidates for each rule, and the candidates that match the measurement."""
-    console.print("Rules of fetching and addresses: measured clocks of half a sequence, and the clocks", soft_wrap=True)
-    console.print("that each candidate predicts; > marks the matching candidates.", soft_wrap=True)
+    console.print("Rules of fetching and addresses: measured clocks of half a sequence, and the", soft_wrap=True)
+    console.print("clocks that each candidate predicts; > marks the matching candidates.", soft_wrap=True)
     for judgement in judgements:
         question = judgement.question
         console.print(f"\n{question.sequence}: {judgement.clocks} clocks", highlight=False, soft_wrap=True)
