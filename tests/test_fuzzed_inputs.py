@@ -57,6 +57,7 @@ from hiltest.tape.player import Player
 from hiltest.tape.recorded_run import read_transcript
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.virtual.model.profile_file import load_profile, shipped_profiles
+from hiltest.virtual.part.part_file import load_part, shipped_parts
 from hiltest.virtual.profiling.arguments import parse_argument
 from hiltest.virtual.program.elf import FirmwareImage
 
@@ -267,6 +268,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
     )
     compass = default_firmware().with_name("compass-lines.elf")
     rigs = [path.read_bytes() for path in sorted((shipped() / "rigs").glob("*.toml"))]
+    parts = [shipped_part.read_bytes() for shipped_part in shipped_parts().values()]
     profiles = [shipped_profile.read_bytes() for shipped_profile in shipped_profiles().values()]
     replies = [bytes([number]) + bytes(size) for number in range(len(REQUESTS)) for size in (1, 2, 5, 17, 49, 62, 100)]
     requests = [bytes([request.code]) + request.payload() for request in REQUESTS]
@@ -309,6 +311,7 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         ),
         "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
         "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
+        "part files": Reader(lambda path: load_part(str(path)).timing(), config, parts, 0.002, ".toml"),
         "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),
         "baselines": Reader(
             read_evidence, config, [path.read_bytes() for path in BASELINES.glob("*.json")] + [run], 0.0005, ".json"
@@ -358,6 +361,7 @@ NAMES = (
     "samples",
     "stuffing",
     "timing profiles",
+    "part files",
     "traces",
     "transcripts",
 )

@@ -43,6 +43,7 @@ def cycles(
     *,
     profile: str | None = None,
     memory: str | None = None,
+    part: str | None = None,
     clock_hz: float | None = None,
 ) -> ProfiledImage:
     """Open an ELF to count cycles of its functions, on a virtual board of its own.
@@ -56,8 +57,11 @@ def cycles(
     memory
         Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default they
         follow from the ELF if it needs other ones.
+    part
+        Chip whose memories and timing are used, such as ``stm32f407``, or a part file (``.toml``).
     clock_hz
-        Core clock that the functions are called at [Hz], by default 120 MHz: cycles do not depend on it, seconds do.
+        Core clock that the functions are called at [Hz], by default the highest one of the part, else 120 MHz. The wait
+        states of a part's flash depend on it.
 
     Returns
     -------
@@ -67,13 +71,10 @@ def cycles(
     Raises
     ------
     ConfigError
-        If the ELF cannot be loaded, or the timing profile or the clock does not exist.
+        If the ELF cannot be loaded, or the timing profile, the part or the clock does not exist.
     """
     from hiltest.boards import default_firmware
-    from hiltest.virtual.calls.call_clock import CALL_HZ
-    from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
     from hiltest.virtual.profiling.image import ProfiledImage
 
     path = default_firmware() if elf is None else Path(elf)
-    at_hz = CALL_HZ if clock_hz is None else clock_hz
-    return ProfiledImage(path, timing=profile or DEFAULT_PROFILE, memory=memory, clock_hz=at_hz)
+    return ProfiledImage(path, timing=profile, memory=memory, part=part, clock_hz=clock_hz)

@@ -115,7 +115,7 @@ def read_as(
         # As JSON, since strict mode accepts a list for a tuple only there.
         document: Document = adapter(kind).validate_json(file.text, strict=True)
     except ValidationError as error:
-        raise ConfigError(f"{file.path}: {_fault(error.errors()[0])}; {otherwise}") from error
+        raise ConfigError(f"{file.path}: {describe_invalid(error.errors()[0])}; {otherwise}") from error
     return document
 
 
@@ -146,7 +146,7 @@ def require_schema(path: Path, schema: object, expected: str, *, otherwise: str)
     raise ConfigError(f"{path}: schema is {shown(schema)}, this hiltest reads {shown(expected)}; {remedy}")
 
 
-def _fault(detail: ErrorDetails) -> str:
+def describe_invalid(detail: ErrorDetails) -> str:
     """Return a sentence about the first mistake that pydantic has noticed."""
     place = ".".join(str(step) for step in detail["loc"])
     kind, message = detail["type"], detail["msg"].removeprefix("Value error, ")

@@ -62,6 +62,9 @@ class Instruction:
     conditional: bool = False
     predicated: bool = False
     core_writes: int = 0
+    stepped_base: int = 0
+    loads_multiple: bool = False
+    moves_from_fpu: bool = False
 
     def skipped(self) -> Instruction:
         """Return it as the pipeline sees it where its condition does not hold: it does nothing and passes."""
@@ -76,6 +79,9 @@ class Instruction:
             fp_addend=0,
             uses_fpu=False,
             core_writes=0,
+            stepped_base=0,
+            loads_multiple=False,
+            moves_from_fpu=False,
         )
 
     @property
@@ -174,4 +180,7 @@ def _described(raw: Any, *, predicated: bool) -> Instruction:
         transfers and (predicated or has_condition),
         predicated,
         core_writes,
+        _masks(base)[0] & core_writes if row == "load" and raw.writeback else 0,
+        row == "multiple_base" and name.startswith(("ldm", "ldrd", "vld", "fldm", "pop", "vpop")),
+        row == "fp" and name == "vmov" and bool(core_writes),
     )

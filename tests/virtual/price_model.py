@@ -3,7 +3,8 @@
 The table (``profiles/*.toml``) holds a value, an uncertainty range (`band`) and a source for every
 row. The rules say what one instruction does to the next:
 
-* a load whose address does not come from the load right before it overlaps it;
+* a load whose address does not come from the load right before it overlaps it; a row may say that two loads which
+  move the same base do not;
 * a store with an immediate offset hides in the second cycle of a load right
   before it, and a load right behind a single store waits;
 * a floating-point instruction waits one cycle for the result of the arithmetic
@@ -32,6 +33,7 @@ _LEAVES_NOTHING = frozenset(
 RULE_ROWS = frozenset(
     {
         "address_use",
+        "address_use_fp",
         "it_folded",
         "it_skipped",
         "target_misplaced",
@@ -39,6 +41,7 @@ RULE_ROWS = frozenset(
         "fetch_late",
         "fetch_late_fp",
         "fetch_late_integer",
+        "fetch_late_access",
     }
 )
 _OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
@@ -104,6 +107,8 @@ class PriceModel:
         wait = self._fp_wait(instruction, state) if instruction.uses_fpu else 0
         if row == "multiple_base":
             cycles = value[row] + instruction.words
+            if instruction.loads_multiple and state.before == "store":
+                cycles += value.get("multiple_behind_store", 0)
         elif row == "fp_divide":
             cycles = 1  # it is issued; the FPU is busy from here on
         elif row == "fp_accumulate":
@@ -147,7 +152,8 @@ class PriceModel:
         return Reached.PAST_BRANCH
 
     def _load(self, instruction: Instruction, state: PipelineState) -> int:
-        if state.before == "load" and not state.loaded & instruction.address_registers:
+        depends = state.loaded & instruction.address_registers or state.stepped & instruction.stepped_base
+        if state.before == "load" and not depends:
             return self._value["load_behind_load"]
         late = self._value["load_behind_store"] if state.before == "store" else 0
         return self._value["load"] + late
@@ -171,6 +177,7 @@ class PriceModel:
             # The result is a cycle later than the FPU: remember it for the instruction that meets it then.
             pending = 0 < state.fpu_busy >= cycles
             computed, divided = (state.fp_result, state.divided) if pending else (0, 0)
+        stepped = instruction.stepped_base if self._value.get("load_same_base", 0) else 0
         if not (before or loaded or computed or busy or divided):
             return NEUTRAL
-        return PipelineState(before, loaded, computed, busy, divided)
+        return PipelineState(before, loaded, computed, busy, divided, stepped=stepped)

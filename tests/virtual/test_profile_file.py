@@ -32,7 +32,9 @@ def with_mac(value: int) -> str:
 
 def test_every_shipped_profile_has_every_row_that_is_known() -> None:
     for name in shipped_profiles():
-        assert list(load_profile(name).rows) in ([*ROWS], [*ROWS, *RULES])
+        rows = load_profile(name).rows
+        assert list(rows) == [*ROWS, *(rule for rule in RULES if rule in rows)]
+    assert list(load_profile("cortex-m4-trm/3").rows) == [*ROWS, *RULES]
 
 
 @pytest.mark.parametrize(
@@ -40,13 +42,14 @@ def test_every_shipped_profile_has_every_row_that_is_known() -> None:
     [
         ("cortex-m4-trm/1", "d18e92c2bf956d09b26e346d3e99f00a08a756378a73045aefdcd5d3a019fab1"),
         ("cortex-m4-trm/2", "948bec611d8492ff4802aafb4584de486342b19705e2ddf1bdd7c6f36dd09249"),
+        ("cortex-m4-trm/3", "7b82313ca148cfa7b81e5006c64e593839c5c739719c5c5bc0717099c16b4094"),
     ],
 )
 def test_a_published_version_never_changes_its_numbers(name: str, digest: str) -> None:
     # A correction is a new profile. Only a row that prices nothing may be added.
     profile = load_profile(name)
     assert profile.digest == digest
-    assert profile.rows.items() >= load_profile(ONE).rows.items()
+    assert profile.rows.keys() >= load_profile(ONE).rows.keys()
     assert all(row.source and row.band[0] <= row.value <= row.band[1] for row in profile.rows.values())
 
 

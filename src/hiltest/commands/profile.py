@@ -85,7 +85,14 @@ def refuse_option(context: click.Context, _parameter: click.Parameter, text: str
     help="Set the memories of another part: flash=0x08000000:512K,ram=0x20000000:128K.  [default: as the ELF needs]",
 )
 @click.option(
-    "--clock", metavar="HZ", help="Set the core clock of the part, as 48MHz or 48_000_000.  [default: 120 MHz]"
+    "--part",
+    metavar="NAME|FILE",
+    help="Use the memories and the timing of this chip, such as stm32f407, or of a part file.",
+)
+@click.option(
+    "--clock",
+    metavar="HZ",
+    help="Set the core clock, as 48MHz or 48_000_000.  [default: the highest of the part, else 120 MHz]",
 )
 @click.option(
     "--timeout",
@@ -128,7 +135,7 @@ def profile(
     image = _image(path, **counted)
     image.report_waits(lambda line: click.echo(line, err=True))
     called = image.call(function, *values, timeout_s=timeout_s)
-    document = documents.document(called, path, arguments, inputs, values, memory=image.memory)
+    document = documents.document(called, path, arguments, inputs, values, memory=image.memory, part=image.part)
     if folded is not None:
         write_asked_for(folded, documents.folded(document))
     if flame_graph is not None:
@@ -145,10 +152,9 @@ def profile(
     return 0
 
 
-def _image(path: Path, *, timing: str | None, memory: str | None, clock: str | None) -> ProfiledImage:
-    from hiltest.virtual.calls.call_clock import CALL_HZ, parse_clock
-    from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
+def _image(path: Path, *, timing: str | None, memory: str | None, part: str | None, clock: str | None) -> ProfiledImage:
+    from hiltest.virtual.calls.call_clock import parse_clock
     from hiltest.virtual.profiling.image import ProfiledImage
 
-    clock_hz = CALL_HZ if clock is None else parse_clock(clock)
-    return ProfiledImage(path, timing=timing or DEFAULT_PROFILE, memory=memory, clock_hz=clock_hz)
+    clock_hz = None if clock is None else parse_clock(clock)
+    return ProfiledImage(path, timing=timing, memory=memory, part=part, clock_hz=clock_hz)

@@ -90,20 +90,29 @@ def timing() -> None:
     metavar="NAME|FILE",
     help="Show this timing profile, a name or a file (.toml).  [default: cortex-m4-trm/2]",
 )
+@click.option(
+    "--part", metavar="NAME|FILE", help="Show the timing of this chip, or of a part file, at its highest clock."
+)
 @json_option("hiltest.timing/1")
-def show(named: str | None, as_json: bool) -> int:
+def show(named: str | None, part: str | None, as_json: bool) -> int:
     """Print a timing profile: cycles, range and source of each row."""
     from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile, place_of
+    from hiltest.virtual.part.part_file import load_part
     from hiltest.virtual.profiling.timing_table import print_table, timing_document
 
-    name = named or DEFAULT_PROFILE
-    profile = load_profile(name)
+    if part is not None:
+        if named is not None:
+            raise click.UsageError("--profile and --part exclude each other: leave one of them out")
+        chip = load_part(part)
+        profile, file = chip.timing(), chip.file
+    else:
+        profile, file = load_profile(named or DEFAULT_PROFILE), place_of(named or DEFAULT_PROFILE)
     if as_json:
-        print_document("hiltest.timing/1", timing_document(profile, place_of(name)))
+        print_document("hiltest.timing/1", timing_document(profile, file))
         return 0
     from hiltest.report.console import standard_output
 
-    print_table(standard_output(), profile, place_of(name))
+    print_table(standard_output(), profile, file)
     return 0
 
 

@@ -12,7 +12,7 @@ from hiltest.measurement.catalogue import (
     nearest_name,
     tolerance_of,
 )
-from hiltest.measurement.cycle_range import DOUBT, CycleRange, RowEffect
+from hiltest.measurement.cycle_range import DOUBT, PUBLISHED, CycleRange, RowEffect
 from hiltest.measurement.kind import (
     EXACT,
     NEXT_STEP,
@@ -45,6 +45,7 @@ __all__ = [
     "FLASH_TIE",
     "KINDS",
     "NEXT_STEP",
+    "PUBLISHED",
     "SIGNIFICANT_DIGITS",
     "UNDECIDED",
     "WORST_OF",

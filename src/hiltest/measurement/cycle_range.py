@@ -8,6 +8,8 @@ from hiltest.text import format_number
 
 #: Row of a cycle model for differences of published counts that the other rows do not explain, as a part of any count.
 DOUBT = "doubt_permille"
+#: Effect on a range that comes from the errors of counts whose true values were published.
+PUBLISHED = "published counts"
 ABOUT_FETCH = frozenset({"fetch_late", "fetch_late_fp", "fetch_late_integer", "target_misplaced", "return_misplaced"})
 """Rows whose price depends on an instruction's position, which decides if it is fetched in time."""
 
@@ -56,6 +58,8 @@ class CycleRange:
             return "no uncertain row of the cycle model enters"
         if most is None:
             return f"{self}, by the uncertainty of the memories that it runs from"
+        if most.row == PUBLISHED and len(self.rows) == 1:
+            return f"{self}, as published counts differ from those of the cycle model"
         return f"{self} by uncertain rows of the cycle model, most by {most.row}: {_range(most.low, most.high)}"
 
 

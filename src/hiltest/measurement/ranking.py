@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from hiltest.measurement.cycle_range import DOUBT, CycleRange, RowEffect
+from hiltest.measurement.cycle_range import DOUBT, PUBLISHED, CycleRange, RowEffect
 from hiltest.measurement.measurement import Measurement
 
 FLASH_TIE = 0.10
@@ -54,7 +54,7 @@ def _ends(effect: RowEffect | None, value: float) -> tuple[float, float, float]:
 
 
 def _rows(band: CycleRange) -> tuple[RowEffect, ...]:
-    return tuple(row for row in band.rows if row.row != DOUBT)
+    return tuple(row for row in band.rows if row.row not in (DOUBT, PUBLISHED))
 
 
 def _joint_effect(value: float, band: CycleRange) -> tuple[float, float, float]:

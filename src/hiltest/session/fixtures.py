@@ -202,6 +202,7 @@ class Cycles:
         *,
         profile: str | None = None,
         memory: str | None = None,
+        part: str | None = None,
         clock_hz: float | None = None,
     ) -> ProfiledImage:
         """Return an ELF on a virtual board of its own.
@@ -215,17 +216,19 @@ class Cycles:
             Timing profile; by default ``cortex-m4-trm/2``.
         memory
             Memories of another part, as for `hiltest.cycles`.
+        part
+            Chip whose memories and timing are used, as for `hiltest.cycles`.
         clock_hz
-            Core clock that the functions are called at [Hz], by default 120 MHz.
+            Core clock that the functions are called at [Hz], by default the highest one of the part, else 120 MHz.
 
         Raises
         ------
         ConfigError
-            If the ELF cannot be loaded, or the timing profile or the clock does not exist.
+            If the ELF cannot be loaded, or the timing profile, the part or the clock does not exist.
         """
         session = self._session
         path = session.settings.firmware if elf is None else session.config.rootpath / elf
-        return hiltest.cycles(path, profile=profile, memory=memory, clock_hz=clock_hz)
+        return hiltest.cycles(path, profile=profile, memory=memory, part=part, clock_hz=clock_hz)
 
 
 @pytest.fixture(scope="session")

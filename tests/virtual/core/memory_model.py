@@ -1,8 +1,9 @@
-"""What the K64F's memories add, in Python: the oracle of core/waits.c.
+"""What a part's memories add, in Python: the oracle of core/waits.c.
 
 A read of the flash array brings one line, and the next line is read ahead at once. What was accessed is kept in a cache
 of smaller entries. The flash has a clock of its own, so a read begins at one of its edges: a miss costs one flash
-clock, and up to nearly another one until the edge.
+clock, and up to nearly another one until the edge. Synchronous flash has the core's clock, and the first clock of a
+read is the fetch's own.
 
 Line buffer, reading ahead and cache can be switched off, for each half of the flash. With all of them off every word
 that is fetched and every access to data is a read of the array.
@@ -11,18 +12,28 @@ that is fetched and every access to data is a read of the array.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import IntEnum
 
 from hiltest.virtual.core.machine import BankSwitches
-from hiltest.virtual.model.timing import CostRow
-from hiltest.virtual.processor.memory import FLASH, SRAM
+from hiltest.virtual.model.timing import CostRow, WaitingMemories
+from hiltest.virtual.processor.memory import FLASH
 
 _NOTHING = -1
 _WORD_BYTES = 4  # the core fetches words: the second instruction of one is no access, unless it is jumped to
 _BANKS = 2
-_BANK_BYTES = FLASH[1] // _BANKS
-_FLASH_END, _SRAM_END = sum(FLASH), sum(SRAM)
-_SRAM_U = 0x20000000
+_ALIASES = 0x22000000
+_SYSTEM_BUS = 0x20000000
+_AHEAD = 3  # words that the core fetches ahead of what it executes
 _PARTS = 100  # conflicts are priced in hundredths of a clock an access: what was measured is a mean
+
+
+class Role(IntEnum):
+    """Part of an instruction in a group of accesses, as enum access_role."""
+
+    NONE = 0
+    BEGINS = 1
+    FIRST_STORE = 2
+    BEHIND_STORE = 3
 
 
 class FlashController:
@@ -32,10 +43,14 @@ class FlashController:
     ----------
     rows : mapping of str to CostRow
         The memory rows of a timing profile.
+    begin, size
+        Place of the flash.
     """
 
-    def __init__(self, rows: Mapping[str, CostRow]) -> None:
-        self._clocks = rows["flash_clocks"].value
+    def __init__(self, rows: Mapping[str, CostRow], begin: int = FLASH[0], size: int = FLASH[1]) -> None:
+        self._begin, self._bank_bytes = begin, size // _BANKS
+        self._synchronous = "flash_synchronous" in rows and rows["flash_synchronous"].value > 0
+        self._clocks = rows["flash_clocks"].value - self._synchronous
         self._line_bytes = rows["flash_line_bytes"].value
         self._entry_bytes = rows["cache_entry_bytes"].value
         self._ways = rows["cache_ways"].value
@@ -43,6 +58,11 @@ class FlashController:
         self._reads_ahead = rows["flash_read_ahead"].value > 0
         self._switches = [BankSwitches()] * _BANKS
         self.reset()
+
+    @property
+    def is_instant(self) -> bool:
+        """Whether a read takes no longer than a fetch."""
+        return self._synchronous and not self._clocks
 
     def reset(self) -> None:
         """Forget all lines and words."""
@@ -65,7 +85,7 @@ class FlashController:
 
     def forget_word(self) -> None:
         """Forget the fetched word: the core jumps."""
-        self._word = _NOTHING
+        self.word = _NOTHING
 
     def forget_flash_way(self, way: int) -> None:
         """Empty one way of the cache; it is filled next."""
@@ -87,18 +107,18 @@ class FlashController:
         fetched : bool
             Whether it is an instruction.
         """
-        switches = self._switches[address // _BANK_BYTES % _BANKS]
+        switches = self._switches[(address // _WORD_BYTES * _WORD_BYTES - self._begin) // self._bank_bytes]
         begin = cycle
         for word in range(address // _WORD_BYTES, (address + size - 1) // _WORD_BYTES + 1):
             cycle += self._wait_for(word, cycle, switches, fetched=fetched)
             if fetched:
-                self._word = word
+                self.word = word
         return cycle - begin
 
     def _wait_for(self, word: int, cycle: int, switches: BankSwitches, *, fetched: bool) -> int:
         line, entry = word * _WORD_BYTES // self._line_bytes, word * _WORD_BYTES // self._entry_bytes
         waited = 0
-        if not (line == self._line or self._is_cached(entry) or (fetched and word == self._word)):
+        if not (line == self._line or self._is_cached(entry) or (fetched and word == self.word)):
             ahead = switches.reads_ahead_code if fetched else switches.reads_ahead_data
             waited = self._read(line, cycle, keeps=switches.keeps_line, ahead=ahead and self._reads_ahead)
         self._use(entry, keeps=switches.caches_code if fetched else switches.caches_data)
@@ -114,7 +134,8 @@ class FlashController:
         return ready - cycle
 
     def _next_edge(self, cycle: int) -> int:
-        return -(-max(cycle, self._free_at) // self._clocks) * self._clocks
+        free = max(cycle, self._free_at)
+        return free if self._synchronous else -(-free // self._clocks) * self._clocks
 
     def _is_cached(self, entry: int) -> bool:
         return entry in self._held[entry % self._sets]
@@ -139,28 +160,73 @@ class Memories:
     flash : FlashController
     """
 
-    def __init__(self, rows: Mapping[str, CostRow]) -> None:
-        self.flash = FlashController(rows)
+    def __init__(self, rows: Mapping[str, CostRow], waiting: WaitingMemories | None = None) -> None:
+        waiting = waiting or WaitingMemories(FLASH)
+        self.flash, self._waiting = FlashController(rows, *waiting.flash), waiting
         self._rows = {name: row.value for name, row in rows.items()}
         self._parts_owed = 0
+        self._hidden = False
+        self._bus_free_at = self._jumped_at = 0
 
     def fetch(self, address: int, size: int, cycle: int) -> int:
         """Return for how many clocks the fetch of an instruction waits."""
-        return self.flash.wait(address, size, cycle) if address < _FLASH_END else 0
+        if address >= _SYSTEM_BUS:
+            return self._wait_for_bus(address, size, cycle)
+        if self.flash.is_instant or not self._is_flash(address):
+            return 0
+        return self.flash.wait(address, size, cycle)
 
-    def access(self, code: int, words: int, *, is_first: bool, address: int, size: int, cycle: int) -> int:
+    def reset(self) -> None:
+        """Forget what was fetched: the flash was written."""
+        self.flash.reset()
+        self._bus_free_at = self._jumped_at = 0
+
+    def _wait_for_bus(self, address: int, size: int, cycle: int) -> int:
+        clocks = self._rows.get("system_fetch", 0)
+        if not clocks:
+            return 0
+        earliest = max(self._jumped_at, cycle - _AHEAD * clocks)  # the core fetches ahead, but not before a jump
+        for word in range(address // _WORD_BYTES, (address + size - 1) // _WORD_BYTES + 1):
+            if word != self.flash.word:
+                self._bus_free_at = max(self._bus_free_at, earliest) + clocks
+            self.flash.word = word
+        return max(0, self._bus_free_at - cycle)
+
+    def jump(self, target: int, cycle: int) -> int:
+        """Return for how many clocks a jump waits for its target."""
+        self.flash.forget_word()
+        self._jumped_at = cycle
+        return self._rows.get("flash_branch", 0) if self._is_flash(target) else 0
+
+    def access(self, code: int, words: int, *, is_first: bool, role: Role, address: int, size: int, cycle: int) -> int:
         """Return for how many clocks an access of the instruction at `code` waits, which moves `words` words."""
-        if address >= _SRAM_END:
+        if address >= _ALIASES:
             return 0
         wait = 0
         if address % min(size, 4):  # pairs of words are two; words at odd addresses are a byte, two and a byte
             wait = self._rows.get("unaligned", 0) * (2 if size == 4 and address % 2 else 1)
-        if address < _FLASH_END:
-            return wait + self.flash.wait(address, size, cycle + wait, fetched=False)
-        if is_first:
-            whole, self._parts_owed = divmod(self._parts_owed + self._conflict(code, words, address), _PARTS)
-            wait += whole
-        return wait
+        if self._is_flash(address):
+            if self._is_flash(code) and words <= 1:
+                wait += self._pay(self._rows.get("flash_load", 0))
+            return wait if self.flash.is_instant else wait + self.flash.wait(address, size, cycle + wait, fetched=False)
+        is_late = any(begin <= address < begin + length for begin, length in self._waiting.late)
+        if is_late and role is not Role.NONE:
+            if role is Role.BEGINS or (role is Role.BEHIND_STORE and self._hidden):
+                wait += self._rows.get("late_access", 0)
+            self._hidden = role is Role.FIRST_STORE
+        if min(code, address) >= _SYSTEM_BUS:
+            self._bus_free_at = max(self._bus_free_at, cycle) + 1
+        return wait + self._pay(self._conflict(code, words, address)) if is_first else wait
+
+    def _pay(self, parts: int) -> int:
+        if not parts:
+            return 0
+        whole, self._parts_owed = divmod(self._parts_owed + parts, _PARTS)
+        return whole
+
+    def _is_flash(self, address: int) -> bool:
+        begin, size = self._waiting.flash
+        return begin <= address < begin + size
 
     def flush(self) -> None:
         """Forget fetched words and parts of a clock: an exception was entered or left, or a call begins."""
@@ -168,12 +234,11 @@ class Memories:
         self.flash.forget_word()
 
     def _conflict(self, code_address: int, words: int, data_address: int) -> int:
-        code, data = _bank(code_address), _bank(data_address)
+        code, data = self._bank(code_address), self._bank(data_address)
         if (code, data) not in (("lower", "lower"), ("upper", "upper"), ("flash", "lower")):
             return 0
         place = code if code == data else f"{code}_{data}"
-        return self._rows[f"{place}_{'multiple' if words > 1 else 'single'}"]
+        return self._rows.get(f"{place}_{'multiple' if words > 1 else 'single'}", 0)
 
-
-def _bank(address: int) -> str:
-    return "flash" if address < _FLASH_END else "lower" if address < _SRAM_U else "upper"
+    def _bank(self, address: int) -> str:
+        return "flash" if self._is_flash(address) else "lower" if address < _SYSTEM_BUS else "upper"

@@ -26,10 +26,12 @@ from ..capstone_oracle import Instruction, decode
 from ..price_model import RULE_ROWS, PriceModel
 from .inner_library import inner_library
 
-PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2")
+PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2", "cortex-m4-trm/3")
 UNPRICED = "doubt_permille"  # a row that says how far a count may be wrong
+OF_DATA = ("unaligned", "load_other_block")  # rows that depend on the addresses of data, see test_data_addresses.py
+OF_LOADS = ("load_same_base", "multiple_behind_store")
 CANDIDATES = ("misplaced_on_end", "late_past_narrow")  # rows of no profile file, see rule_candidates.py
-OPTIONAL = sorted(RULE_ROWS | {"refill_table", "refill_load", "tail_chain", "fp_frame", *CANDIDATES})
+OPTIONAL = sorted(RULE_ROWS | {"refill_table", "refill_load", "tail_chain", "fp_frame", *OF_LOADS, *CANDIDATES})
 DEAREST = 1000
 LONGEST_DIVISION = DEAREST - 1  # its result may be a cycle later
 LARGEST = 24  # more than any sum of waits in these sequences: each row can be told from the others
@@ -141,6 +143,9 @@ def in_c(instruction: Instruction) -> Any:
             "address_registers": instruction.address_registers,
             "loaded_registers": instruction.loaded_registers,
             "core_writes": instruction.core_writes,
+            "stepped_base": instruction.stepped_base,
+            "loads_multiple": instruction.loads_multiple,
+            "moves_from_fpu": instruction.moves_from_fpu,
             "fp_reads": instruction.fp_reads,
             "fp_writes": instruction.fp_writes,
             "fp_addend": instruction.fp_addend,

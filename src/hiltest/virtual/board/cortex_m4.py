@@ -6,10 +6,11 @@ import contextlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.board.bare_part import BarePart
-from hiltest.virtual.board.loading import load_running, load_segments, vectors
+from hiltest.virtual.board.loading import initial_stack, load_running, load_segments, vectors
 from hiltest.virtual.board.memory_map import memory_map
 from hiltest.virtual.board.memory_use import memory_use
 from hiltest.virtual.board.microcontroller import Microcontroller
@@ -52,6 +53,10 @@ class VirtualCortexM4:
         Name of a profile, or a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
     memory
         Memories of the part, see `memory_map`; by default those that the image needs.
+    stack
+        Where called functions find their stack, and above it their buffers, as a caller's variables: at the initial
+        stack pointer of the image's vector table ("image"), or at the end of the largest RAM, with the buffers at
+        its beginning ("ram").
     part
         Connects the peripherals around the processor.
 
@@ -67,14 +72,16 @@ class VirtualCortexM4:
         *,
         profile: str | TimingProfile = DEFAULT_PROFILE,
         memory: str | MemoryMap | None = None,
+        stack: Literal["image", "ram"] = "ram",
         part: Callable[[Processor], BarePart | Microcontroller] = BarePart,
     ) -> None:
         self.image = open_image(elf)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
-        if priced.memory and self.memory != MK64FN1M0:
+        if priced.memory and priced.waiting is None and self.memory != MK64FN1M0:
             raise ConfigError(f"{priced.name} prices the K64F's memories, not {self.memory}; use {DEFAULT_PROFILE}")
         self.processor = Processor(self.image, priced, memories=self.memory)
+        self._stack = stack
         self._part = part(self.processor)
         self._booted = False
         load_segments(self.processor.memory, self.image)
@@ -239,7 +246,13 @@ class VirtualCortexM4:
         try:
             with self.processor.calls.paused():
                 return call_function(
-                    self.processor, symbol, arguments, booted=self._booted, clock_hz=clock_hz, timeout_s=timeout_s
+                    self.processor,
+                    symbol,
+                    arguments,
+                    booted=self._booted,
+                    stack=initial_stack(self.processor.memory, self.image) if self._stack == "image" else None,
+                    clock_hz=clock_hz,
+                    timeout_s=timeout_s,
                 )
         except ResetRequested as request:
             cause = "requested" if request.source is ResetSource.SOFTWARE else "was ended by the watchdog with"

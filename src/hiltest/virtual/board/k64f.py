@@ -21,6 +21,7 @@ from hiltest.virtual.board.microcontroller import Microcontroller
 from hiltest.virtual.core.machine import Snapshot
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.part.part_file import Part
 from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
@@ -352,12 +353,16 @@ def board_for(
     *,
     profile: str | TimingProfile = DEFAULT_PROFILE,
     memory: str | None = None,
+    part: Part | None = None,
 ) -> VirtualCortexM4:
     """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
 
-    If the image needs other memories, or `memory` names them, the board is a `VirtualCortexM4`.
+    If the image needs other memories, or `memory` or `part` names them, the board is a `VirtualCortexM4`.
     """
     image = open_image(elf)
+    if part is not None:
+        memories = part.memory_map or memory_map(image, memory)
+        return VirtualCortexM4(image, profile=profile, memory=memories, stack="image")
     memories = memory_map(image, memory)
     if memories == MK64FN1M0:
         return VirtualK64F(image, profile=profile)

@@ -6,6 +6,8 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.processor.memory import MK64FN1M0, SRAM, BoardMemory
 from hiltest.virtual.program.elf import FirmwareImage
 
+_VECTOR_ALIGNMENT = 128
+
 
 def load_segments(memory: BoardMemory, image: FirmwareImage) -> None:
     """Power on the memories, and write an image to its load addresses, as a programmer does.
@@ -48,6 +50,24 @@ def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
         stack = entry = 0
     refuse_wrong_vectors(image, stack, entry)
     return stack, entry
+
+
+def initial_stack(memory: BoardMemory, image: FirmwareImage) -> int:
+    """Return the initial stack pointer of the first vector table in an image, else the end of the largest RAM.
+
+    A vector table begins at a multiple of 128 bytes (DDI 0403E, B3.2.5), with an address in RAM and one of code.
+    """
+    for segment in sorted(image.segments, key=lambda segment: segment.run_address):
+        begin, end = segment.run_address, segment.run_address + len(segment.data)
+        for address in range(-(-begin // _VECTOR_ALIGNMENT) * _VECTOR_ALIGNMENT, end - 7, _VECTOR_ALIGNMENT):
+            stack, entry = memory.read_words(address, 2)
+            if stack % 4 == 0 and memory.holds_stack(stack - 4, 4) and entry & 1 and _is_code(image, entry & ~1):
+                return stack
+    return memory.sram.base + memory.sram.size
+
+
+def _is_code(image: FirmwareImage, address: int) -> bool:
+    return any(part.run_address <= address < part.run_address + part.run_size for part in image.segments)
 
 
 def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:

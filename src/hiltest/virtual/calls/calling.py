@@ -76,11 +76,20 @@ def find_function(image: FirmwareImage, name: str) -> Symbol:
 
 
 class _Scratch:
-    """RAM that the image does not use, allocated from low to high addresses."""
+    """RAM that the image does not use.
 
-    def __init__(self, processor: Processor, limit: int) -> None:
+    Parameters
+    ----------
+    limit
+        End of this RAM.
+    from_end
+        True to allocate from high to low addresses, as a caller's variables on the stack; else from low to high ones.
+    """
+
+    def __init__(self, processor: Processor, limit: int, *, from_end: bool) -> None:
         self._memory = processor.memory
         begin, self._limit = _largest_gap(processor.image.segments, processor.memory.sram.base, limit)
+        self._from_end, self.lowest = from_end, self._limit & ~7
         self._next = (begin + 7) & ~7
         self._written_back: list[tuple[int, memoryview]] = []
 
@@ -88,10 +97,14 @@ class _Scratch:
         return place(buffer, self._reserve, self._write)
 
     def _reserve(self, size: int) -> int:
-        address = self._next
-        self._next = (address + size + 7) & ~7
-        if self._next > self._limit:
+        if self._from_end:
+            address = self.lowest = (self.lowest - size) & ~7
+            missing = self._next + _STACK_BYTES - address
+        else:
+            address = self._next
+            self._next = (address + size + 7) & ~7
             missing = self._next - self._limit
+        if missing > 0:
             raise ConfigError(f"the arguments need {missing} bytes more RAM than the image leaves free")
         return address
 
@@ -112,6 +125,7 @@ def call_function(
     arguments: Sequence[Argument],
     *,
     booted: bool,
+    stack: int | None = None,
     clock_hz: float,
     timeout_s: float,
 ) -> CallResult:
@@ -122,18 +136,19 @@ def call_function(
     saved = registers.general.read(), registers.floating_frame.read(), registers.primask.get(), processor.fpu_enabled
     control = registers.control.get()
     was_sleeping, processor.sleeping = processor.sleeping, False
-    stack = saved[0][13] if booted else processor.memory.sram.base + processor.memory.sram.size
-    scratch = _Scratch(processor, stack - _STACK_BYTES)
+    end_of_ram = processor.memory.sram.base + processor.memory.sram.size
+    top = saved[0][13] if booted else stack or end_of_ram
+    scratch = _Scratch(processor, top if stack else top - _STACK_BYTES, from_end=bool(stack))
     signature = processor.image.signature(symbol)
     core, floating = assign(symbol, signature, arguments, scratch.place, hard_float=processor.image.hard_float)
     on_stack = core[4:]
-    stack = (stack - 4 * len(on_stack)) & ~7
-    processor.memory.write_words(stack, on_stack)
+    pointer = ((scratch.lowest if stack else top) - 4 * len(on_stack)) & ~7
+    processor.memory.write_words(pointer, on_stack)
     registers.primask.set(1)
     processor.fpu_enabled = True
     registers.xpsr.set(1 << 24)
     general = (core[:4] + [0] * 13)[:13]
-    registers.general.write([*general, stack, RETURN_ADDRESS | 1, function.address | 1, 1 << 24])
+    registers.general.write([*general, pointer, RETURN_ADDRESS | 1, function.address | 1, 1 << 24])
     registers.floating.write(floating)
     processor.flush_pipeline()
     machine, cycles, instructions = processor.machine, processor.cycles, processor.instructions

@@ -202,6 +202,8 @@ static uint16_t first_operation(const struct machine *machine, const struct node
         return OP_IN_IT_BLOCK;
     if (instruction->uses_fpu && !machine->core.fpu_enabled)
         return OP_FPU_DISABLED;
+    if (node->fetch_waits)
+        return OP_FETCH_WAITS;
     bool reads_pc = instruction->n == 15 || instruction->m == 15;
     return reads_pc && !instruction->uses_fpu ? OP_READS_PC : instruction->operation;
 }
@@ -276,6 +278,8 @@ static void price_node(struct machine *machine, struct node *node)
     const struct pipeline *before = code_state(machine, node->state);
     struct states_after after;
     const struct cost cost = price(&machine->prices, node, before, 0, &after);
+    node->access = (uint8_t)access_role(&machine->prices, &node->instruction, before);
+    node->overlaps_load = overlaps_load(&machine->prices, &node->instruction, before);
     node->cost = cost.runs;
     node->taken_cost = cost.jumps;
     node->skipped_cost = cost.skips;
@@ -308,6 +312,7 @@ static struct node *make_node(struct machine *machine, uint32_t address, uint8_t
         node->instruction.condition = CONDITION_ALWAYS; /* even in an IT block, see BKPT */
     node->moves_stack = node->instruction.core_writes >> 13 & 1 || node->instruction.sets_stack;
     node->marks = marks_at(machine->code, address);
+    node->fetch_waits = machine->waits && fetches_wait(machine->waits, node->address);
     node->operation = first_operation(machine, node);
     price_node(machine, node);
     mark_code(machine, address, node->instruction.size);

@@ -13,6 +13,7 @@ enum {
     OP_IN_IT_BLOCK = OPERATIONS, /* check the condition, then do `instruction.operation` */
     OP_FPU_DISABLED,             /* a floating-point instruction while CPACR disables the FPU */
     OP_MARKED,                   /* at an address with marks, which are checked first */
+    OP_FETCH_WAITS,              /* its fetch may wait for a memory */
     OP_READS_PC,                 /* needs the address of the instruction + 4 in r15 */
 };
 
@@ -25,6 +26,9 @@ enum mark {
 struct node {
     uint16_t operation; /* first action of the interpreter; mostly instruction.operation */
     bool moves_stack;   /* it writes r13 */
+    uint8_t access;     /* enum access_role */
+    bool fetch_waits;   /* its fetch may wait for a memory */
+    bool overlaps_load; /* it loads or stores, and overlaps the load right before it */
     uint8_t marks;      /* enum mark */
     uint8_t it_state;   /* ITSTATE before the instruction */
     int32_t cost;       /* cycles if it executes and does not jump */
@@ -35,6 +39,7 @@ struct node {
     struct instruction instruction;
     struct node *next, *taken, *skipped; /* NULL until the first execution */
     uint64_t runs, jumps, skips; /* executions without and with a jump, and skips; see counts.c */
+    int64_t waited;     /* cycles that these executions waited for memories */
     uint16_t state;     /* numbers of the pipeline states before it, and after it */
     uint16_t next_state, taken_state, skipped_state;
     uint32_t path;      /* number in the profile that is being made, or 0 */

@@ -41,6 +41,7 @@ void counts_drop(struct machine *machine)
     for (uint32_t i = 0; i < code_count(machine); i++) {
         struct node *node = code_node(machine, i);
         node->runs = node->jumps = node->skips = 0;
+        node->waited = 0;
     }
 }
 

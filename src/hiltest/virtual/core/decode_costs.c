@@ -81,6 +81,15 @@ static uint16_t address_registers(const struct instruction *i)
     }
 }
 
+static bool loads_multiple(const struct instruction *i)
+{
+    switch (i->operation) {
+    case OP_LDM: case OP_LDRD: case OP_VLDM: return true;
+    case OP_VLDR: return i->words == 2;
+    default: return false;
+    }
+}
+
 static void describe_transfer(struct instruction *i)
 {
     switch (i->operation) {
@@ -155,6 +164,9 @@ void describe_costs(struct instruction *decoded)
     decoded->address_registers = address_registers(decoded);
     decoded->core_writes = results(decoded) | (writes_back(decoded) ? core_mask(decoded->n) : 0);
     if (decoded->row == ROW_load) decoded->loaded_registers = core_mask(decoded->d);
+    if (decoded->row == ROW_load && writes_back(decoded)) decoded->stepped_base = core_mask(decoded->n);
+    decoded->loads_multiple = loads_multiple(decoded);
+    decoded->moves_from_fpu = decoded->operation == OP_VMOV_TO_CORE;
     if (decoded->uses_fpu) describe_singles(decoded);
     describe_transfer(decoded);
     decoded->sets_stack = sets_stack(decoded);

@@ -71,41 +71,80 @@ static bool is_trapped(struct machine *machine, const struct node *node, uint32_
     return true;
 }
 
+#define SYSTEM_BUS 0x20000000u /* the code buses end here (DDI 0403E, B3.1) */
+
 /* -- waits of memories ------------------------------------------------------------------------------------------- */
 
-static inline int32_t count_wait(struct machine *machine, int32_t wait)
+static inline int32_t count_wait(struct machine *machine, struct node *node, int32_t wait)
 {
+    node->waited += wait;
     machine->core.memory_cycles += wait;
     return wait;
 }
 
 /* Return the cycles that an instruction waits which is fetched at a cycle. */
-static inline int32_t fetch_wait(struct machine *machine, const struct node *node, int64_t cycle)
+static inline int32_t fetch_wait(struct machine *machine, struct node *node, int64_t cycle)
 {
-    return WAITS
-        ? count_wait(machine, waits_fetch(machine->waits, node->address, node->instruction.size, cycle))
+    return WAITS && node->fetch_waits
+        ? count_wait(machine, node, waits_fetch(machine->waits, node->address, node->instruction.size, cycle))
         : 0;
+}
+
+/* Return the cycles that an access takes longer because it is not at a multiple of its size: a part more, or two for a
+ * word at an odd address (TRM, 3.3.2). */
+static inline int32_t unaligned_wait(struct machine *machine, struct node *node, uint32_t address, uint32_t size)
+{
+    if ((address & (size - 1)) == 0)
+        return 0;
+    return count_wait(machine, node, machine->prices.value[ROW_unaligned] * (size == 4 && address % 2 ? 2 : 1));
+}
+
+/* Return whether two addresses are in one memory block. */
+static bool is_same_block(const struct machine *machine, uint32_t one, uint32_t other)
+{
+    if (machine->block_count == 0)
+        return (one < SYSTEM_BUS) == (other < SYSTEM_BUS);
+    for (uint32_t i = 0; i < machine->block_count; i++) {
+        if ((one < machine->blocks[i]) != (other < machine->blocks[i]))
+            return false;
+    }
+    return true;
+}
+
+/* Return the cycles that an access takes longer because it cannot overlap a load in another memory block. */
+static inline int32_t block_wait(struct machine *machine, struct node *node, uint32_t address)
+{
+    const uint32_t last = machine->history.accessed_at;
+    const int32_t cost = machine->prices.value[ROW_load_other_block];
+    machine->history.accessed_at = address;
+    if (!node->overlaps_load || cost == 0 || is_same_block(machine, last, address))
+        return 0;
+    return count_wait(machine, node, cost);
+}
+
+/* Return whether an access that overlaps a load never waits. */
+static inline bool never_waits(const struct memory_waits *waits, uint32_t address)
+{
+    return !waits->has_conflicts && address - waits->flash.begin >= waits->flash.bytes;
 }
 
 /* Return the wait of the instruction's only access, or of its first one [cycles]. */
 static inline int32_t access_wait(
-    struct machine *machine, const struct node *node, uint32_t address, uint32_t size, int64_t cycle)
+    struct machine *machine, struct node *node, uint32_t address, uint32_t size, int64_t cycle)
 {
-    const uint32_t words = node->instruction.words;
-    return WAITS
-        ? count_wait(machine, waits_access(machine->waits, node->address, words, true, address, size, cycle))
-        : 0;
+    int32_t wait = unaligned_wait(machine, node, address, size) + block_wait(machine, node, address);
+    if (!WAITS || (node->access == ACCESS_NONE && !node->fetch_waits && never_waits(machine->waits, address)))
+        return wait;
+    const int32_t of_memory = waits_access(
+        machine->waits, node->address, node->instruction.words, true, node->access, address, size, cycle + wait);
+    return wait + count_wait(machine, node, of_memory);
 }
 
 /* Return the cycles that the words of a transfer wait. */
-static int32_t transfer_wait(struct machine *machine, const struct node *node, uint32_t address, int64_t cycle)
+static int32_t transfer_wait(struct machine *machine, struct node *node, uint32_t address, int64_t cycle)
 {
     const uint32_t words = node->instruction.words;
-    int32_t wait = 0;
-    for (uint32_t word = 0; word < words; word++)
-        wait += waits_access(
-            machine->waits, node->address, words, word == 0, address + 4 * word, 4, cycle + wait);
-    return count_wait(machine, wait);
+    return count_wait(machine, node, waits_transfer(machine->waits, node->address, words, node->access, address, cycle));
 }
 
 /* Return whether an instruction that jumps to itself never waits. */
@@ -114,10 +153,10 @@ static inline bool is_settled(const struct machine *machine, const struct node *
     return !WAITS || waits_are_over(machine->waits, node->address, node->instruction.size);
 }
 
-static inline void forget_fetched_word(struct machine *machine)
+/* Return the cycles that a jump waits for its target. */
+static inline int32_t jump_wait(struct machine *machine, struct node *node, uint32_t target, int64_t cycle)
 {
-    if (WAITS)
-        waits_forget_word(machine->waits);
+    return WAITS ? count_wait(machine, node, waits_jump(machine->waits, target, cycle)) : 0;
 }
 
 /* Called after a write to r13: its lowest bits stay zero (DDI 0403E, B1.4.7), and it may have a new lowest value.
@@ -545,8 +584,6 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         struct node *from;
         uint32_t target;
     dispatch:
-        if (WAITS && operation < OPERATIONS) /* otherwise an IT block may still skip it */
-            cycles += fetch_wait(machine, node, cycles);
         switch (operation) {
         case OP_MARKED:
             if (node->marks & MARK_BREAKPOINT && node != passed && !(i->in_it_block && !holds(core, i->condition))) {
@@ -570,6 +607,9 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
                 note_fault(machine, FAULT_NO_COPROCESSOR, CAUSE_FPU_DISABLED, node->address, 0, 0, 0);
                 goto faulted;
             }
+            /* fall through */
+        case OP_FETCH_WAITS:
+            cycles += fetch_wait(machine, node, cycles);
             /* fall through */
         case OP_READS_PC:
             r[PC] = node->address + 4;
@@ -683,8 +723,11 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
                 }
                 if (node->taken == node && horizon > cycles && node->taken_cost > 0 && !node->marks
                     && is_settled(machine, node)) {
-                    int64_t rounds = (horizon - cycles - 1) / node->taken_cost;
-                    cycles += rounds * node->taken_cost;
+                    const int32_t wait = WAITS ? waits_jump(machine->waits, node->address, cycles) : 0;
+                    int64_t rounds = (horizon - cycles - 1) / (node->taken_cost + wait);
+                    cycles += rounds * (node->taken_cost + wait);
+                    core->memory_cycles += rounds * wait;
+                    node->waited += rounds * wait;
                     instructions += rounds;
                     node->jumps += (uint64_t)rounds;
                 }
@@ -855,7 +898,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             goto over;
         }
     jumps_within:
-        forget_fetched_word(machine);
+        cycles += jump_wait(machine, node, target, cycles);
         if (node->taken && (node->jump | 1) == target) {
             from = node;
             cycles += node->taken_cost;
@@ -865,7 +908,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         }
         goto arrives;
     branches:
-        forget_fetched_word(machine);
+        cycles += jump_wait(machine, node, i->immediate, cycles);
         if (node->taken) {
             from = node;
             cycles += node->taken_cost;

@@ -147,9 +147,12 @@ struct instruction {
     bool conditional;   /* a transfer that may fall through: B with condition, CBZ, CBNZ, any transfer in an IT block */
     bool in_it_block;
     bool uses_fpu;
+    bool loads_multiple;/* LDM, LDRD, VLDM, or VLDR of a d register */
+    bool moves_from_fpu;/* VMOV of one s register to a core register */
     bool sets_stack;    /* it sets the stack pointer other than by adding or subtracting a number or a register */
     uint16_t address_registers; /* sources of an access's address, without the PC */
     uint16_t loaded_registers;  /* destinations of a single load, without a base that is written back */
+    uint16_t stepped_base;      /* base that a load of at most a word moves */
     uint16_t core_writes;       /* core registers written */
     uint32_t fp_reads, fp_writes;
     uint32_t fp_addend;         /* read only as the addend of a multiply-accumulate; not in fp_reads */

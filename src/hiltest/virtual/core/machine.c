@@ -65,15 +65,40 @@ bool machine_set_price(struct machine *machine, int32_t table, const char *row, 
     return set_price(table ? &machine->tables[table - 1] : &machine->prices, row, value);
 }
 
-bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value)
+/* Return the waits of the memories, which begin with the first call; NULL if out of memory. */
+static struct memory_waits *waits_of(struct machine *machine)
 {
     if (!machine->waits) {
         machine->waits = malloc(sizeof *machine->waits);
-        if (!machine->waits)
-            return false;
-        waits_begin(machine->waits);
+        if (machine->waits)
+            waits_begin(machine->waits);
     }
-    return set_memory_row(machine->waits, row, value);
+    return machine->waits;
+}
+
+bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value)
+{
+    return waits_of(machine) && set_memory_row(machine->waits, row, value);
+}
+
+bool machine_add_block(struct machine *machine, uint32_t begin)
+{
+    if (machine->block_count == BLOCKS)
+        return false;
+    machine->blocks[machine->block_count++] = begin;
+    return true;
+}
+
+bool machine_set_flash(struct machine *machine, uint32_t begin, uint32_t bytes)
+{
+    if (waits_of(machine))
+        waits_set_flash(machine->waits, (struct address_range){begin, bytes});
+    return machine->waits;
+}
+
+bool machine_add_late_ram(struct machine *machine, uint32_t begin, uint32_t bytes)
+{
+    return waits_of(machine) && waits_add_late_ram(machine->waits, (struct address_range){begin, bytes});
 }
 
 void machine_switch_flash_bank(

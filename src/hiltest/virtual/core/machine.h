@@ -234,6 +234,13 @@ bool machine_set_price(struct machine *machine, int32_t table, const char *row, 
 /* Set a row of the profile's table [memory] before the machine runs; memories then add cycles. False if there is no
  * such row, or the value is out of its range. */
 bool machine_set_memory_row(struct machine *machine, const char *row, int32_t value);
+/* Divide the addresses into memory blocks: a load overlaps only a load in the same block (row load_other_block). Without a
+ * call the blocks are those of the code buses and of the system bus. False if there are too many blocks. */
+bool machine_add_block(struct machine *machine, uint32_t begin);
+/* Set the place of the flash, or add a RAM that answers late, for the rows of [memory]. False if out of memory,
+ * or if there are too many such RAMs. */
+bool machine_set_flash(struct machine *machine, uint32_t begin, uint32_t bytes);
+bool machine_add_late_ram(struct machine *machine, uint32_t begin, uint32_t bytes);
 /* Flash controller: set the switches of half 0 or 1 of the flash, see waits.h; drop the lines, or empty a way of the
  * cache. Without memory rows these functions do nothing. */
 void machine_switch_flash_bank(
@@ -485,7 +492,7 @@ struct machine_path {
     uint64_t entries;    /* calls, including tail calls */
     int64_t idle_cycles; /* sleep */
 };
-/* Executions of an instruction on a path, without waits for memories. An instruction has several entries if it was
+/* Executions of an instruction on a path. An instruction has several entries if it was
  * executed in several states of the pipeline, or was priced by several rows because an IT block skips it or code was
  * rewritten. */
 struct machine_cost {
@@ -493,6 +500,7 @@ struct machine_cost {
     int32_t row;
     uint64_t executions, jumps;
     uint64_t work_cycles, stall_cycles[7];
+    int64_t wait_cycles; /* for memories, in addition */
 };
 /* Begin a profile of a function that is about to be called. `code` is in the order of addresses. */
 bool machine_begin_profile(

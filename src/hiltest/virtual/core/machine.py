@@ -107,6 +107,14 @@ class Machine:
         for name, row in profile.memory.items():
             if not lib.machine_set_memory_row(self.handle, name.encode(), row.value):
                 raise ConfigError(f"{profile.name}: memory.{name} of {row.value} is not supported")
+        if profile.waiting is not None:
+            lib.machine_set_flash(self.handle, *profile.waiting.flash)
+            for begin in profile.waiting.blocks:
+                if not lib.machine_add_block(self.handle, begin):
+                    raise ConfigError(f"{profile.name}: too many memories: {len(profile.waiting.blocks)}")
+            for ram in profile.waiting.late:
+                if not lib.machine_add_late_ram(self.handle, *ram):
+                    raise ConfigError(f"{profile.name}: too many RAMs that answer late: {profile.waiting.late}")
 
     def add_memory(self, base: int, size: int, *, writable: bool) -> memoryview:
         """Add a memory; return its bytes, for reading only.

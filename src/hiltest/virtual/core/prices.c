@@ -13,19 +13,19 @@ enum { DEAREST = 1000 }; /* largest value in a profile; sums stay far within 32 
 
 /* Rows that enable the rules of fetching and of addresses, all at once. */
 static const uint8_t FETCH_ROWS[] = {
-    ROW_address_use, ROW_it_folded, ROW_it_skipped, ROW_target_misplaced, ROW_return_misplaced, ROW_fetch_late,
-    ROW_fetch_late_fp, ROW_fetch_late_integer,
+    ROW_address_use, ROW_address_use_fp, ROW_it_folded, ROW_it_skipped, ROW_target_misplaced, ROW_return_misplaced, ROW_fetch_late,
+    ROW_fetch_late_fp, ROW_fetch_late_integer, ROW_fetch_late_access,
 };
 enum { FETCH_ROW_COUNT = sizeof FETCH_ROWS / sizeof FETCH_ROWS[0] };
 
 /* Possible causes of a late fetch, with rows for the delay. */
-enum late { LATE_NOTHING, LATE_SLOW, LATE_FLOATING_POINT, LATE_INTEGER };
-static const uint8_t LATE_ROWS[] = {0, ROW_fetch_late, ROW_fetch_late_fp, ROW_fetch_late_integer};
+enum late { LATE_NOTHING, LATE_SLOW, LATE_FLOATING_POINT, LATE_INTEGER, LATE_ACCESS };
+static const uint8_t LATE_ROWS[] = {0, ROW_fetch_late, ROW_fetch_late_fp, ROW_fetch_late_integer, ROW_fetch_late_access};
 enum { MISPLACED_ON_END = 3 }; /* number of the instruction whose second half is late, unless a row says another */
 
 /* States are compared as bytes, so they must not have padding, whose value is undefined. */
 _Static_assert(
-    sizeof(struct pipeline) == 5 * sizeof(uint8_t) + sizeof(bool) + 3 * sizeof(uint16_t) + 2 * sizeof(uint32_t),
+    sizeof(struct pipeline) == 4 * sizeof(uint8_t) + 2 * sizeof(bool) + 5 * sizeof(uint16_t) + 2 * sizeof(uint32_t),
     "struct pipeline has padding");
 
 bool set_price(struct prices *prices, const char *row, int32_t value)
@@ -67,15 +67,36 @@ static int32_t hidden_cycles(const struct prices *prices)
     return smaller(prices->value[ROW_fp_accumulate_hidden], larger(prices->value[ROW_fp_accumulate] - 1, 0));
 }
 
-/* A load overlaps the load right before unless it needs its result (TRM, 3.3.2); a store buffer that is not empty
- * delays it. */
+/* A load overlaps the load right before unless it needs its result (TRM, 3.3.2), or both move the same base. A store
+ * uses the second cycle of a load. */
+bool overlaps_load(
+    const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
+{
+    if (state->before != ROW_load)
+        return false;
+    if (instruction->row == ROW_store)
+        return true;
+    bool both_step = prices->value[ROW_load_same_base] && (state->stepped & instruction->stepped_base);
+    return instruction->row == ROW_load && !(state->loaded & instruction->address_registers) && !both_step;
+}
+
+/* A store buffer that is not empty delays a load. */
 static int32_t load_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
-    if (state->before == ROW_load && !(state->loaded & instruction->address_registers))
+    if (overlaps_load(prices, instruction, state))
         return prices->value[ROW_load_behind_load];
     int32_t late = state->before == ROW_store ? prices->value[ROW_load_behind_store] : 0;
     return prices->value[ROW_load] + late;
+}
+
+/* A store buffer that is not empty delays LDM, but not STM. */
+static int32_t multiple_cycles(
+    const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
+{
+    bool is_late = instruction->loads_multiple && state->before == ROW_store;
+    int32_t late = is_late ? prices->value[ROW_multiple_behind_store] : 0;
+    return prices->value[ROW_multiple_base] + instruction->words + late;
 }
 
 /* Cycles of an instruction without waits. */
@@ -83,7 +104,7 @@ static int32_t own_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
     switch (instruction->row) {
-    case ROW_multiple_base: return prices->value[ROW_multiple_base] + instruction->words;
+    case ROW_multiple_base: return multiple_cycles(prices, instruction, state);
     case ROW_fp_divide: return 1; /* the cycle of its issue; the FPU stays busy */
     case ROW_fp_accumulate: return prices->value[ROW_fp_accumulate] - hidden_cycles(prices);
     case ROW_load: return load_cycles(prices, instruction, state);
@@ -150,6 +171,7 @@ static int32_t price_by_every_profile(
         return larger(cycles, state->fpu_busy);
     after->before = single_access(instruction->row);
     after->loaded = instruction->row == ROW_load ? instruction->loaded_registers : 0;
+    after->stepped = prices->value[ROW_load_same_base] ? instruction->stepped_base : 0;
     if (instruction->uses_fpu)
         leave_fpu(prices, instruction, after);
     else
@@ -169,7 +191,9 @@ static bool is_folded(const struct prices *prices, const struct instruction *ins
 static int32_t address_wait(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
 {
-    return state->computed & instruction->address_registers ? prices->value[ROW_address_use] : 0;
+    if (!(state->computed & instruction->address_registers))
+        return 0;
+    return prices->value[state->computed_by_fpu ? ROW_address_use_fp : ROW_address_use];
 }
 
 static int32_t late_fetch(const struct prices *prices, uint8_t late)
@@ -194,9 +218,11 @@ static int32_t fetch_wait(const struct prices *prices, const struct pipeline *st
     return late;
 }
 
-/* Return the kind of an instruction that begins a run of misplaced ones, or LATE_NOTHING. */
+/* Return the kind of an instruction of one cycle that begins a run of misplaced ones, or LATE_NOTHING. */
 static uint8_t late_behind(const struct prices *prices, const struct instruction *instruction)
 {
+    if (prices->has[ROW_fetch_late_access] && single_access(instruction->row))
+        return LATE_ACCESS;
     if (instruction->uses_fpu)
         return LATE_FLOATING_POINT;
     return prices->value[ROW_fetch_late_integer] ? LATE_INTEGER : LATE_NOTHING;
@@ -210,11 +236,12 @@ static void leave_fetch(
     uint8_t run = (uint8_t)(state->misplaced + 1);
     bool goes_on = state->late != LATE_NOTHING && misplaced && run < misplaced_on_end(prices);
     bool passes = state->late != LATE_NOTHING && instruction->size == 2 && prices->value[ROW_late_past_narrow];
-    if (cycles >= 2) {
-        after->late = LATE_SLOW;
-    } else if (goes_on) {
+    bool begins_anew = cycles >= 2 && !prices->has[ROW_fetch_late_access];
+    if (goes_on && !begins_anew) {
         after->late = state->late;
         after->misplaced = run;
+    } else if (cycles >= 2) {
+        after->late = LATE_SLOW;
     } else {
         after->late = late_behind(prices, instruction);
         if (passes && after->late == LATE_NOTHING) {
@@ -227,6 +254,8 @@ static void leave_fetch(
 /* Return the registers that the next address may wait for. */
 static uint16_t computed_registers(const struct prices *prices, const struct instruction *instruction)
 {
+    if (instruction->moves_from_fpu)
+        return prices->value[ROW_address_use_fp] ? instruction->core_writes : 0;
     bool computes = instruction->row == ROW_data || instruction->row == ROW_divide;
     return computes && prices->value[ROW_address_use] ? instruction->core_writes : 0;
 }
@@ -248,6 +277,7 @@ static int32_t price_by_all_rules(
         *after = pipeline_past(prices, instruction);
     } else {
         after->computed = computed_registers(prices, instruction);
+        after->computed_by_fpu = after->computed && instruction->uses_fpu;
         after->narrow = prices->has[ROW_it_folded] && instruction->size == 2;
         leave_fetch(prices, instruction, misplaced, state, cycles, after);
     }
@@ -264,6 +294,26 @@ int32_t price_instruction(
     if (has_fetch_rules(prices))
         return price_by_all_rules(prices, instruction, address, &before, after);
     return price_by_every_profile(prices, instruction, &before, after);
+}
+
+enum access_role access_role(
+    const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
+{
+    const bool is_behind_store = state->before == ROW_store;
+    switch (instruction->row) {
+    case ROW_load:
+        if (overlaps_load(prices, instruction, state))
+            return ACCESS_NONE;
+        return is_behind_store ? ACCESS_BEHIND_STORE : ACCESS_BEGINS;
+    case ROW_store: case ROW_store_register_offset:
+        if (state->before == ROW_load)
+            return ACCESS_NONE;
+        return is_behind_store ? ACCESS_BEHIND_STORE : ACCESS_FIRST_STORE;
+    case ROW_multiple_base:
+        return is_behind_store && instruction->loads_multiple ? ACCESS_BEHIND_STORE : ACCESS_BEGINS;
+    case ROW_exclusive: case ROW_fp_load: case ROW_fp_store: case ROW_table_branch: return ACCESS_BEGINS;
+    default: return ACCESS_NONE;
+    }
 }
 
 int32_t price_skipped(

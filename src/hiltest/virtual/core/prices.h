@@ -10,10 +10,10 @@
 /* Rows of a timing profile in addition to those of the instructions (enum cost_row). The last two are candidates of
  * hiltest.virtual.silicon.rule_candidates, which profile files cannot have. */
 #define RULE_ROWS(X) \
-    X(load_behind_load) X(load_behind_store) X(store_behind_load) X(fp_use) X(fp_divide_use) X(fp_accumulate_hidden) \
+    X(load_behind_load) X(load_same_base) X(load_behind_store) X(multiple_behind_store) X(store_behind_load) X(fp_use) X(fp_divide_use) X(fp_accumulate_hidden) \
     X(refill_direct) X(refill_indirect) X(refill_table) X(refill_load) X(exception_entry) X(exception_return) \
-    X(tail_chain) X(fp_frame) X(address_use) X(it_folded) X(target_misplaced) X(return_misplaced) X(fetch_late) \
-    X(fetch_late_fp) X(fetch_late_integer) X(misplaced_on_end) X(late_past_narrow)
+    X(tail_chain) X(fp_frame) X(address_use) X(address_use_fp) X(it_folded) X(target_misplaced) X(return_misplaced) X(fetch_late) \
+    X(fetch_late_fp) X(fetch_late_integer) X(fetch_late_access) X(unaligned) X(load_other_block) X(misplaced_on_end) X(late_past_narrow)
 enum rule_row { FIRST_RULE_ROW = INSTRUCTION_ROWS - 1, RULE_ROWS(ROW_ENUMERATOR) PRICE_ROWS };
 
 /* Values of all rows [clock cycles]. `has` marks the rows of the profile, because the rule of a missing row does not
@@ -37,10 +37,12 @@ struct pipeline {
     uint8_t misplaced; /* number of misaligned instructions of four bytes since then */
     uint8_t reached;   /* enum reached */
     bool narrow;       /* the previous instruction has two bytes */
-    uint8_t unused;    /* always 0: states are compared as bytes, and padding would be undefined */
+    bool computed_by_fpu; /* a VMOV computed the registers of `computed` */
     uint16_t loaded;   /* core registers that the previous instruction loaded */
+    uint16_t stepped;  /* base that it has moved, if it is a load */
     uint16_t computed; /* core registers that the previous instruction computed */
     uint16_t fpu_busy; /* cycles until the FPU is free */
+    uint16_t unused;   /* always 0: states are compared as bytes, and padding would be undefined */
     uint32_t fp_result;/* s registers just computed, or ready when the FPU is free */
     uint32_t divided;  /* s registers with a division's result, ready one cycle later */
 };
@@ -62,6 +64,20 @@ int32_t price_instruction(
 int32_t price_skipped(
     const struct prices *prices, const struct instruction *instruction, uint32_t address,
     const struct pipeline *state, struct pipeline *after);
+
+/* Part of an instruction in a group of accesses to data without another instruction in between. */
+enum access_role {
+    ACCESS_NONE,         /* no access, or one that overlaps a load */
+    ACCESS_BEGINS,       /* a load or a transfer of several words, which begin a group */
+    ACCESS_FIRST_STORE,  /* a store that begins a group; the store buffer hides its wait */
+    ACCESS_BEHIND_STORE, /* an access right behind a store of one word */
+};
+enum access_role access_role(
+    const struct prices *prices, const struct instruction *instruction, const struct pipeline *state);
+
+/* Return whether a load or store overlaps the load right before it. */
+bool overlaps_load(
+    const struct prices *prices, const struct instruction *instruction, const struct pipeline *state);
 
 /* Return the cycles that a taken transfer adds, and the state after it. */
 int32_t price_refill(const struct prices *prices, const struct instruction *instruction, struct pipeline *after);

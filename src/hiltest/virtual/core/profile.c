@@ -277,6 +277,7 @@ void profile_add(struct machine *machine, const struct node *node)
             return;
         add_cost(machine, node, false, node->runs + node->jumps, cost);
         cost->jumps += node->jumps;
+        cost->wait_cycles += node->waited;
         cost->stall_cycles[STALL_TAKEN_BRANCH] += node->jumps * (uint64_t)(node->taken_cost - node->cost);
     }
     if (node->skips) {

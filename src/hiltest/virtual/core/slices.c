@@ -99,20 +99,22 @@ bool machine_count_again(struct machine *machine, const struct slice *slice, int
     struct core *core = &machine->core;
     if (machine->table_count < 1 || !machine_restore(machine, slice->begin))
         return false;
-    const int64_t cycles = core->cycles, instructions = core->instructions;
+    const int64_t cycles = core->cycles, instructions = core->instructions, waited = core->memory_cycles;
     core->deadline = cycles + slice->cycles + 1;
     set_return_address(machine, machine_snapshot_core(slice->begin)->return_address);
     counts_drop(machine);
     if (!run_slice(machine, slice) || core->cycles - cycles != slice->cycles
         || core->instructions - instructions != slice->instructions)
         return false;
-    /* Time outside instructions, in sleep or in the entry of an exception, is in no table. */
+    /* Time outside instructions, in sleep or in the entry of an exception, is in no table. Memories wait as long by all
+     * tables. */
+    const int64_t waits = core->memory_cycles - waited;
     int64_t sums[MOST_TABLES] = {0};
     code_add_cycles(machine, sums);
-    if (sums[0] != slice->cycles)
+    if (sums[0] + waits != slice->cycles)
         return false;
     for (int32_t table = 0; table < machine->table_count; table++)
-        totals[table] += sums[table];
+        totals[table] += sums[table] + waits;
     return true;
 }
 

@@ -235,6 +235,16 @@ struct machine *machine_like(const struct machine *machine)
     if (!other)
         return NULL;
     other->prices = machine->prices;
+    memcpy(other->blocks, machine->blocks, sizeof other->blocks);
+    other->block_count = machine->block_count;
+    if (machine->waits) {
+        other->waits = malloc(sizeof *other->waits);
+        if (!other->waits) {
+            machine_destroy(other);
+            return NULL;
+        }
+        *other->waits = *machine->waits;
+    }
     for (int i = 0; i < machine->memory_count; i++) {
         const struct memory *memory = &machine->memories[i];
         if (!machine_add_memory(other, memory->base, memory->size, memory->writable)) {

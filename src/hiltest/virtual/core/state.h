@@ -84,6 +84,7 @@ struct stacks {
 /* State that earlier instructions leave for the next one, in addition to the core's registers. */
 struct history {
     struct pipeline pipeline;
+    uint32_t accessed_at; /* address of the latest access to data by a load or store of one word */
     int64_t jumped_at;   /* core.instructions after the last taken jump */
     uint32_t jumped_from;/* address of that jump */
     uint32_t previous;   /* address of the instruction whose successor has no code */
@@ -103,7 +104,7 @@ struct short_loop {
 };
 
 struct device;
-enum { DEVICES = 32 };
+enum { DEVICES = 32, BLOCKS = 16 };
 
 struct machine {
     struct core core;
@@ -116,6 +117,8 @@ struct machine {
     struct prices prices;
     struct prices *tables;    /* further price tables, see machine_set_tables */
     int32_t table_count;      /* including `prices`; 0 before the first request for tables */
+    uint32_t blocks[BLOCKS];  /* first addresses of memory blocks, in any order */
+    uint32_t block_count;
     struct memory_waits *waits; /* waits for memories; NULL if the profile has no memory rows */
     struct code *code;
     bool baseline;

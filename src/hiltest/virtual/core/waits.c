@@ -1,5 +1,7 @@
-/* Waits of the K64F's memories. */
+/* Waits of a part's memories. */
 #include "waits.h"
+
+#include "prices.h"
 
 #include <string.h>
 
@@ -7,11 +9,12 @@
 
 /* Fetches read words. */
 enum { WORD_BYTES = 4, WORD_BITS = 2 };
+enum { FETCHED_AHEAD = 3 }; /* words that the core holds before it executes them */
 enum { PARTS = 100 }; /* conflicts cost hundredths of a cycle per access: their mean, which was measured */
 
-#define UPPER_SRAM 0x20000000u /* SRAM_L ends and SRAM_U begins at this address (DDI 0403E, B3.1) */
-#define SRAM_END 0x20030000u
-#define HALF_FLASH_BYTES 0x80000u
+#define SYSTEM_BUS 0x20000000u /* the code buses end and the system bus begins at this address (DDI 0403E, B3.1) */
+#define BIT_BAND_ALIASES 0x22000000u /* no waits from this address on */
+#define K64F_FLASH_BYTES 0x100000u
 
 /* --- Rows --------------------------------------------------------------------------------------------------------- */
 
@@ -23,7 +26,7 @@ struct row_range {
 #define MEMORY_ROW_RANGE(NAME, LEAST, LARGEST, IS_POWER) {#NAME, LEAST, LARGEST, IS_POWER},
 static const struct row_range RANGES[MEMORY_ROW_COUNT] = {MEMORY_ROWS(MEMORY_ROW_RANGE)};
 
-static bool is_in_range(const struct row_range *range, int32_t value)
+static bool is_allowed(const struct row_range *range, int32_t value)
 {
     bool is_power = (value & (value - 1)) == 0;
     return value >= range->least && value <= range->largest && (is_power || !range->is_power);
@@ -44,6 +47,9 @@ static void set_geometry(struct memory_waits *waits)
     waits->line_shift = bits_of(waits->value[MEMORY_flash_line_bytes]) - WORD_BITS;
     waits->entry_shift = bits_of(waits->value[MEMORY_cache_entry_bytes]) - WORD_BITS;
     waits->set_mask = (uint32_t)waits->value[MEMORY_cache_sets] - 1;
+    waits->has_conflicts = waits->value[MEMORY_unaligned];
+    for (int row = MEMORY_lower_single; row <= MEMORY_flash_lower_multiple; row++)
+        waits->has_conflicts |= waits->value[row] > 0;
     waits_reset(waits);
 }
 
@@ -51,19 +57,32 @@ void waits_begin(struct memory_waits *waits)
 {
     const struct bank_switches all_on = {true, true, true, true, true};
     memset(waits, 0, sizeof *waits);
-    waits->half_flash_bytes = HALF_FLASH_BYTES;
-    waits->ram_end = SRAM_END;
+    waits->flash.bytes = K64F_FLASH_BYTES;
     waits->switches[0] = waits->switches[1] = all_on;
     for (int row = 0; row < MEMORY_ROW_COUNT; row++)
         waits->value[row] = RANGES[row].least;
     set_geometry(waits);
 }
 
+void waits_set_flash(struct memory_waits *waits, struct address_range flash)
+{
+    waits->flash = flash;
+    waits_reset(waits);
+}
+
+bool waits_add_late_ram(struct memory_waits *waits, struct address_range ram)
+{
+    if (waits->late_count == LATE_RAMS)
+        return false;
+    waits->late[waits->late_count++] = ram;
+    return true;
+}
+
 bool set_memory_row(struct memory_waits *waits, const char *row, int32_t value)
 {
     for (int i = 0; i < MEMORY_ROW_COUNT; i++) {
         if (strcmp(RANGES[i].name, row) == 0) {
-            if (!is_in_range(&RANGES[i], value))
+            if (!is_allowed(&RANGES[i], value))
                 return false;
             waits->value[i] = value;
             set_geometry(waits);
@@ -71,6 +90,11 @@ bool set_memory_row(struct memory_waits *waits, const char *row, int32_t value)
         }
     }
     return false;
+}
+
+static bool is_in_range(const struct address_range *range, uint32_t address)
+{
+    return address - range->begin < range->bytes;
 }
 
 /* --- State -------------------------------------------------------------------------------------------------------- */
@@ -84,9 +108,9 @@ void waits_reset(struct memory_waits *waits)
             waits->sets[set].ways[place] = (uint8_t)(ways - 1 - place); /* way 0 is filled first */
         }
     }
-    waits->free_at = 0;
+    waits->free_at = waits->bus_free_at = waits->jumped_at = 0;
     waits_forget_lines(waits);
-    waits_forget_word(waits);
+    waits->word = NOTHING;
 }
 
 void waits_restore(struct memory_waits *waits, const struct memory_waits *state)
@@ -101,12 +125,10 @@ void waits_restore(struct memory_waits *waits, const struct memory_waits *state)
 
 void waits_forget_lines(struct memory_waits *waits) { waits->line = waits->ahead = NOTHING; }
 
-void waits_forget_word(struct memory_waits *waits) { waits->word = NOTHING; }
-
 void waits_flush(struct memory_waits *waits)
 {
     waits->parts_owed = 0; /* otherwise a call would depend on the calls before it */
-    waits_forget_word(waits);
+    waits->word = NOTHING;
 }
 
 static void empty_way(struct cache_set *set, uint32_t way, uint32_t ways)
@@ -145,13 +167,13 @@ static int64_t next_edge(const struct memory_waits *waits, int64_t cycle)
 {
     int64_t clocks = waits->value[MEMORY_flash_clocks];
     int64_t earliest = cycle > waits->free_at ? cycle : waits->free_at;
-    return (earliest + clocks - 1) / clocks * clocks;
+    return waits->value[MEMORY_flash_synchronous] ? earliest : (earliest + clocks - 1) / clocks * clocks;
 }
 
-/* Read a line from the array, unless it is the prefetched one; return the cycles. */
+/* Read a line from the array, unless it is the prefetched one; return the wait. */
 static int32_t read_line(struct memory_waits *waits, uint32_t line, int64_t cycle, bool keeps, bool reads_ahead)
 {
-    int64_t clocks = waits->value[MEMORY_flash_clocks];
+    int64_t clocks = waits->value[MEMORY_flash_clocks] - waits->value[MEMORY_flash_synchronous];
     int64_t ready = next_edge(waits, cycle) + clocks;
     if (line == waits->ahead) /* it is available when the array is free again */
         ready = cycle > waits->free_at ? cycle : waits->free_at;
@@ -209,13 +231,14 @@ static int32_t wait_for_word(
 
 static bool is_flash(const struct memory_waits *waits, uint32_t address)
 {
-    return address >> 1 < waits->half_flash_bytes;
+    return is_in_range(&waits->flash, address);
 }
 
 /* Access the words from `first` to `last`; an instruction or data may straddle two words, and two lines. */
 static int32_t wait_for_words(struct memory_waits *waits, uint32_t first, uint32_t last, int64_t cycle, bool is_fetched)
 {
-    const struct bank_switches *switches = &waits->switches[first * WORD_BYTES >= waits->half_flash_bytes];
+    const bool is_upper_half = first * WORD_BYTES - waits->flash.begin >= waits->flash.bytes / 2;
+    const struct bank_switches *switches = &waits->switches[is_upper_half];
     int32_t wait = 0;
     for (uint32_t word = first; word <= last; word++) {
         if (!is_used_last(waits, word))
@@ -237,14 +260,61 @@ static inline int32_t wait_for_flash(
     return 0; /* by far the most frequent case */
 }
 
+/* Return whether a read of the flash takes longer than a fetch. */
+static bool is_flash_slow(const struct memory_waits *waits)
+{
+    return !waits->value[MEMORY_flash_synchronous] || waits->value[MEMORY_flash_clocks] > 1;
+}
+
+/* The core fetches ahead of what it executes while the bus is free, but not before a jump to it. */
+static int64_t earliest_fetch(const struct memory_waits *waits, int64_t cycle)
+{
+    int64_t ahead = cycle - FETCHED_AHEAD * (int64_t)waits->value[MEMORY_system_fetch];
+    return ahead > waits->jumped_at ? ahead : waits->jumped_at;
+}
+
+/* Fetch the words of an instruction over the system bus, which carries data, too; return the wait for the last one. */
+static int32_t wait_for_system_bus(struct memory_waits *waits, uint32_t address, uint32_t size, int64_t cycle)
+{
+    const int64_t earliest = earliest_fetch(waits, cycle);
+    uint32_t last = (address + size - 1) / WORD_BYTES;
+    for (uint32_t word = address / WORD_BYTES; word <= last; word++) {
+        if (word == waits->word)
+            continue;
+        waits->word = word;
+        waits->bus_free_at = (waits->bus_free_at > earliest ? waits->bus_free_at : earliest)
+            + waits->value[MEMORY_system_fetch];
+    }
+    return waits->bus_free_at > cycle ? (int32_t)(waits->bus_free_at - cycle) : 0;
+}
+
+bool fetches_wait(const struct memory_waits *waits, uint32_t address)
+{
+    if (address >= SYSTEM_BUS)
+        return waits->value[MEMORY_system_fetch];
+    return is_flash(waits, address) && is_flash_slow(waits);
+}
+
 int32_t waits_fetch(struct memory_waits *waits, uint32_t address, uint32_t size, int64_t cycle)
 {
-    return is_flash(waits, address) ? wait_for_flash(waits, address, size, cycle, true) : 0;
+    if (!fetches_wait(waits, address))
+        return 0;
+    if (address >= SYSTEM_BUS)
+        return wait_for_system_bus(waits, address, size, cycle);
+    return wait_for_flash(waits, address, size, cycle, true);
+}
+
+int32_t waits_jump(struct memory_waits *waits, uint32_t target, int64_t cycle)
+{
+    waits->word = NOTHING;
+    if (waits->value[MEMORY_system_fetch]) /* otherwise states before and after a turn of a waiting loop would differ */
+        waits->jumped_at = cycle;
+    return is_flash(waits, target) ? waits->value[MEMORY_flash_branch] : 0;
 }
 
 bool waits_are_over(const struct memory_waits *waits, uint32_t address, uint32_t size)
 {
-    return !is_flash(waits, address)
+    return !fetches_wait(waits, address)
         || (is_used_last(waits, address / WORD_BYTES) && is_used_last(waits, (address + size - 1) / WORD_BYTES));
 }
 
@@ -265,10 +335,10 @@ static int32_t unaligned_wait(const struct memory_waits *waits, uint32_t address
 static int32_t conflict_parts(const struct memory_waits *waits, uint32_t code, uint32_t words, uint32_t data)
 {
     bool is_multiple = words > 1;
-    bool is_lower = data < UPPER_SRAM;
+    bool is_lower = data < SYSTEM_BUS;
     if (is_flash(waits, code))
         return is_lower ? waits->value[is_multiple ? MEMORY_flash_lower_multiple : MEMORY_flash_lower_single] : 0;
-    if ((code < UPPER_SRAM) != is_lower)
+    if ((code < SYSTEM_BUS) != is_lower)
         return 0;
     if (is_lower)
         return waits->value[is_multiple ? MEMORY_lower_multiple : MEMORY_lower_single];
@@ -285,14 +355,52 @@ static int32_t pay_parts(struct memory_waits *waits, int32_t parts)
     return owed / PARTS;
 }
 
-int32_t waits_access(
-    struct memory_waits *waits, uint32_t code_address, uint32_t words, bool first, uint32_t address, uint32_t size,
-    int64_t cycle)
+static bool is_late(const struct memory_waits *waits, uint32_t address)
 {
-    if (address >= waits->ram_end)
+    for (uint32_t i = 0; i < waits->late_count; i++) {
+        if (is_in_range(&waits->late[i], address))
+            return true;
+    }
+    return false;
+}
+
+/* A late RAM delays the first access of each group; a wait that the store buffer hides delays the access behind it. */
+static int32_t late_wait(struct memory_waits *waits, uint8_t role)
+{
+    bool waits_now = role == ACCESS_BEGINS || (role == ACCESS_BEHIND_STORE && waits->store_hidden);
+    waits->store_hidden = role == ACCESS_FIRST_STORE;
+    return waits_now ? waits->value[MEMORY_late_access] : 0;
+}
+
+int32_t waits_access(
+    struct memory_waits *waits, uint32_t code_address, uint32_t words, bool first, uint8_t role, uint32_t address,
+    uint32_t size, int64_t cycle)
+{
+    if (address >= BIT_BAND_ALIASES)
         return 0;
-    int32_t wait = unaligned_wait(waits, address, size);
-    if (is_flash(waits, address))
-        return wait + wait_for_flash(waits, address, size, cycle + wait, false);
-    return first ? wait + pay_parts(waits, conflict_parts(waits, code_address, words, address)) : wait;
+    int32_t wait = waits->has_conflicts ? unaligned_wait(waits, address, size) : 0;
+    if (is_flash(waits, address)) {
+        if (words <= 1 && is_flash(waits, code_address))
+            wait += pay_parts(waits, waits->value[MEMORY_flash_load]);
+        return is_flash_slow(waits) ? wait + wait_for_flash(waits, address, size, cycle + wait, false) : wait;
+    }
+    if (role != ACCESS_NONE && is_late(waits, address))
+        wait += late_wait(waits, role);
+    if (code_address >= SYSTEM_BUS && address >= SYSTEM_BUS)
+        waits->bus_free_at = (waits->bus_free_at > cycle ? waits->bus_free_at : cycle) + 1;
+    if (first && waits->has_conflicts)
+        wait += pay_parts(waits, conflict_parts(waits, code_address, words, address));
+    return wait;
+}
+
+int32_t waits_transfer(
+    struct memory_waits *waits, uint32_t code_address, uint32_t words, uint8_t role, uint32_t address, int64_t cycle)
+{
+    int32_t wait = waits_access(waits, code_address, words, true, role, address, WORD_BYTES, cycle);
+    if (!is_flash(waits, address) && code_address < SYSTEM_BUS && !waits->has_conflicts)
+        return wait; /* only the first word may have waited */
+    for (uint32_t word = 1; word < words; word++)
+        wait += waits_access(
+            waits, code_address, words, false, ACCESS_NONE, address + WORD_BYTES * word, WORD_BYTES, cycle + wait);
+    return wait;
 }

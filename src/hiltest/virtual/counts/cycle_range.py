@@ -1,7 +1,7 @@
-"""Uncertainty range of a count, from repeating the code with other values in the uncertain rows of the profile.
+"""Uncertainty range of a count: the errors of published counts, and other values in the uncertain rows of the profile.
 
 The count by other values is exactly that of a board whose profile has these values. The row `doubt_permille` adds the
-uncertainty that no other row explains.
+uncertainty that no other row explains, in profiles without errors of published counts.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
-from hiltest.measurement import DOUBT, CycleRange, RowEffect, runs_from_flash
+from hiltest.measurement import DOUBT, PUBLISHED, CycleRange, RowEffect, runs_from_flash
 from hiltest.virtual.core.machine import Machine
-from hiltest.virtual.model.timing import TimingProfile
+from hiltest.virtual.model.timing import CountError, TimingProfile
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.processor.slices import PriceTables, Slice
 
@@ -47,7 +47,12 @@ def moves(profile: TimingProfile) -> Iterator[Move]:
 
 
 def cycle_range(
-    profile: TimingProfile, cycles: int, whole: Sequence[Slice], empty: Sequence[Slice] = ()
+    profile: TimingProfile,
+    cycles: int,
+    whole: Sequence[Slice],
+    empty: Sequence[Slice] = (),
+    *,
+    error: CountError | None = None,
 ) -> CycleRange | None:
     """Return the range of counts if every uncertain row takes any value of its range.
 
@@ -59,6 +64,8 @@ def cycle_range(
         Slices that were counted.
     empty
         Slices that were counted and subtracted.
+    error
+        Errors of published counts of such code; by default the doubt of the profile.
 
     Returns
     -------
@@ -82,10 +89,11 @@ def cycle_range(
     ends = _count(profile, [least, most], whole, empty)
     if ends is None:
         return None
-    if doubt := _doubt(profile, cycles):
-        effects.append(RowEffect(DOUBT, cycles - doubt, cycles + doubt))
+    below, above = _doubt(profile, cycles) if error is None else _published(error, cycles)
+    if below or above:
+        effects.append(RowEffect(DOUBT if error is None else PUBLISHED, cycles - below, cycles + above))
     effects.sort(key=lambda effect: -max(abs(effect.low - cycles), abs(effect.high - cycles)))
-    return CycleRange(ends[1] - doubt, ends[2] + doubt, tuple(effects))
+    return CycleRange(ends[1] - below, ends[2] + above, tuple(effects))
 
 
 def _count(
@@ -115,10 +123,17 @@ def _price_tables(machine: Machine, profile: TimingProfile, tables: Sequence[Map
     return prices
 
 
-def _doubt(profile: TimingProfile, cycles: int) -> int:
-    """Return the uncertainty of a count that no row explains [cycles]."""
+def _doubt(profile: TimingProfile, cycles: int) -> tuple[int, int]:
+    """Return by how much a count may be too high, and too low, for reasons that no row explains [cycles]."""
     row = profile.rows.get(DOUBT)
-    return math.ceil(cycles * row.value / 1000) if row else 0
+    doubt = math.ceil(cycles * row.value / 1000) if row else 0
+    return doubt, doubt
+
+
+def _published(error: CountError, cycles: int) -> tuple[int, int]:
+    """Return by how much a count may be too high, and too low, as published counts were [cycles]."""
+    low, high = error.permille
+    return math.ceil(-cycles * low / 1000), math.ceil(cycles * high / 1000)
 
 
 def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
@@ -129,10 +144,19 @@ def flash_range(profile: TimingProfile, cycles: int) -> CycleRange | None:
     CycleRange or None
         None for a profile without such rows, whose counts assume zero wait states.
     """
-    if not profile.memory:
+    row = profile.memory.get("flash_uncertainty")
+    if row is None:
         return None
-    percent = profile.memory["flash_uncertainty"].value
+    percent = row.value
     return CycleRange(round(cycles * (100 - percent) / 100), round(cycles * (100 + percent) / 100))
+
+
+def _error(profile: TimingProfile, cycle_model: str) -> CountError | None:
+    """Return the errors of published counts whose code ran from the same memory."""
+    if runs_from_flash(cycle_model):
+        return profile.errors.get("flash")
+    in_sram = profile.errors.get("sram")
+    return profile.errors.get("sram_u", in_sram) if "sram_u" in cycle_model.partition("@")[2] else in_sram
 
 
 def timed_range(
@@ -151,9 +175,10 @@ def timed_range(
     executed
         Slices that were counted, and those that were subtracted; None if they are unknown.
     """
-    if runs_from_flash(cycle_model):
+    error = _error(profile, cycle_model)
+    if error is None and runs_from_flash(cycle_model):
         return flash_range(profile, cycles)
-    return cycle_range(profile, cycles, *executed) if executed else None
+    return cycle_range(profile, cycles, *executed, error=error) if executed else None
 
 
 class TimedSteps:

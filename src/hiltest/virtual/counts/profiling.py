@@ -98,7 +98,7 @@ class CallProfile(CallResult):
     """Uncertainty range of `cycles`; None if the call took exceptions or slept, or for code in flash if the profile has
     no memory rows."""
     memory_cycles: int | None = None
-    """Cycles of waits for memories, which are not in the tables; None if the timing profile has no memory rows."""
+    """Cycles of waits for memories, part of the stalls in the tables; None if the profile has no memory rows."""
     loops: tuple[LoopPlacement, ...] = ()
     """Loops with misaligned instructions, the most expensive first; empty if the profile has no fetch rules."""
 
@@ -221,7 +221,7 @@ class _Sums:
         self._work[WORK_OF_ROW[ffi.string(lib.machine_row_name(cost.row)).decode()]] += cost.work_cycles
         instruction = decode_first(cost.address, self._memory.code_at(cost.address))
         at_address = self._addresses.setdefault((path.function, cost.address), _Tally())
-        stall_cycles = sum(waits.values())
+        stall_cycles = sum(waits.values()) + cost.wait_cycles
         for tally in (path.own, at_address):
             tally.add(cost.executions, cost.work_cycles + stall_cycles, stall_cycles)
         fetches = self._fetched.setdefault(path.function, {})
@@ -237,7 +237,7 @@ class _Sums:
     def profile(self, function: str, result: CallResult, memory_cycles: int) -> CallProfile:
         """Return the profile with all tables."""
         root = self._paths[0]
-        entries = result.cycles - memory_cycles - sum(path.own.cycles for path in self._paths)  # of exceptions
+        entries = result.cycles - sum(path.own.cycles for path in self._paths)  # of exceptions
         root.asleep_cycles += entries
         root.own.cycles += entries
         empty: list[Slice] = []
@@ -258,7 +258,7 @@ class _Sums:
             addresses=addresses,
             stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
             band=timed_range(self._timing, self._cycle_model, result.cycles, executed),
-            memory_cycles=memory_cycles if self._timing.memory else None,
+            memory_cycles=memory_cycles if memory_cycles or self._timing.memory else None,
             loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
         )
 

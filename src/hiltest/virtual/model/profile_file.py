@@ -12,7 +12,7 @@ from typing import Any
 
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.json_files import read_bounded, shown
-from hiltest.virtual.model.timing import CostRow, TimingProfile
+from hiltest.virtual.model.timing import CostRow, CountError, TimingProfile
 
 DEFAULT_PROFILE = "cortex-m4-trm/2"
 #: Profile with the memories of the K64F, and the default profile's instructions.
@@ -52,7 +52,10 @@ ROWS = {
 }
 #: Optional rows of a profile, and their meaning; without a row its rule does not apply.
 RULES = {
+    "load_same_base": "1 if a load does not overlap a load before it that moves the same base register, as it does",
+    "multiple_behind_store": "added to LDM, LDRD, VLDM after a single store",
     "address_use": "added when an address depends on the result of the data-processing instruction right before",
+    "address_use_fp": "the same after VMOV from the FPU to a core register",
     "it_folded": "IT after an instruction of two bytes",
     "it_skipped": "an instruction that an IT block skips; without this row it costs as much as if executed",
     "target_misplaced": "added when the target of a taken branch is a misaligned instruction of four bytes",
@@ -62,8 +65,11 @@ RULES = {
     "fetch_late": "added to the third of three misaligned instructions of four bytes after one of two cycles",
     "fetch_late_fp": "the same after a floating-point instruction of one cycle",
     "fetch_late_integer": "the same after an integer instruction of one cycle",
+    "fetch_late_access": "the same after a load or store of one cycle; with this row, such runs do not begin anew",
     "tail_chain": "instead of a return and an entry, when an exception is pending as a handler ends",
     "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and when restored",
+    "unaligned": "added for each part but the first of an unaligned access",
+    "load_other_block": "added to a load or store that would overlap a load in another block of memory",
     "doubt_permille": "uncertainty of any count that no row explains, in thousandths of the count",
 }
 #: Rows of the memories, and their meaning.
@@ -83,7 +89,14 @@ MEMORY_ROWS = {
     "flash_uncertainty": "uncertainty of a count of code in flash, in percent of the count",
 }
 #: Optional rows of the memories.
-MEMORY_RULES = {"unaligned": "added for each part but the first of an unaligned access"}
+MEMORY_RULES = {
+    "unaligned": "added for each part but the first of an unaligned access",
+    "flash_synchronous": "1 if the flash has the core's clock: of flash_clocks the first is the fetch's own",
+    "flash_branch": "added when a branch to flash is taken",
+    "flash_load": "hundredths of a clock: an access of one word of code in flash to data in flash",
+    "system_fetch": "clocks for which a fetched word occupies the system bus, over which code from 0x20000000 comes",
+    "late_access": "added once to successive accesses to a RAM that answers late; the store buffer hides a lone store",
+}
 #: Least value of rows, if it is more than 0. A branch to itself must take time, or it would never reach the event that
 #: ends it; a read of the flash returns whole words.
 AT_LEAST = {
@@ -97,10 +110,20 @@ AT_LEAST = {
     "cache_sets": 1,
 }
 _MOST_CYCLES = 1000  # far more than any instruction takes, while sums stay within 32 bits
-_AT_MOST = {"flash_read_ahead": 1, "flash_uncertainty": 100, "cache_ways": 16, "cache_sets": 64}  # as core/waits.h
+_AT_MOST = {  # as core/waits.h
+    "flash_read_ahead": 1,
+    "flash_synchronous": 1,
+    "flash_uncertainty": 100,
+    "cache_ways": 16,
+    "cache_sets": 64,
+}
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # addresses are divided by them
+_MOST_PERMILLE = 500  # a wider range says nothing
 _LARGEST_FILE = 64 * 1024
-_TABLES = ("name", "base", "memory_base", "cost", "memory", "board", "measured")  # the last two price nothing
+_TABLES = ("name", "base", "memory_base", "cost", "memory", "error", "board", "measured")  # the last two price nothing
+#: Memories of code for which a profile may state the errors of counts: RAM on the code buses and on the system bus,
+#: flash without wait states and with them.
+ERROR_PLACES = ("sram", "sram_u", "flash", "flash_waiting")
 _KEYS = ("value", "band", "source", "against")
 _NAME = re.compile(r"[a-z0-9][a-z0-9./-]{0,63}")
 #: A profile that has all rows of a table.
@@ -156,7 +179,7 @@ def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
         If the file is not a timing profile.
     """
     content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
-    name, rows, _ = _parse(str(file), content)
+    name, rows, *_ = _parse(str(file), content)
     return tomllib.loads(content.decode("utf-8")), name, rows
 
 
@@ -180,17 +203,49 @@ def place_of(name: str) -> Path:
 @cache
 def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
     # Caches of prices are keyed by the object, so the same content must give the same object.
-    return TimingProfile(*_parse(place, content), shipped=shipped)
+    name, rows, memory, errors = _parse(place, content)
+    return TimingProfile(name, rows, memory, errors=errors, shipped=shipped)
 
 
-def _parse(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[str, CostRow]]:
-    """Return name, cost rows and memory rows; missing rows are those of the base, if there is one."""
+def read_tables(place: str, content: bytes) -> dict[str, Any]:
+    """Return the content of a TOML file; its tables are unchecked.
+
+    Raises
+    ------
+    ConfigError
+        If it is not TOML.
+    """
     try:
-        data = tomllib.loads(content.decode("utf-8"))
+        return tomllib.loads(content.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_advice()}") from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(f"{place}: not TOML: {error}; {_advice()}") from error
+
+
+_Rows = tuple[str, dict[str, CostRow], dict[str, CostRow], dict[str, CountError]]
+_Base = tuple[dict[str, CostRow], dict[str, CostRow], Mapping[str, CountError]]
+
+
+def _parse(place: str, content: bytes) -> _Rows:
+    return parse_rows(place, read_tables(place, content))
+
+
+def parse_rows(place: str, data: Mapping[str, Any], *, is_part: bool = False) -> _Rows:
+    """Return name, cost rows, memory rows and errors of counts; missing rows are those of the base, if there is one.
+
+    Parameters
+    ----------
+    place
+        Place of the tables, for messages.
+    is_part
+        True if every memory row is optional, because the part may not have what it describes.
+
+    Raises
+    ------
+    ConfigError
+        If a table is invalid; the message names its place and a remedy.
+    """
     for key in sorted(data.keys() - set(_TABLES)):
         raise UnknownKeyError(key, where=place, known=_TABLES)
     name = data.get("name")
@@ -199,26 +254,48 @@ def _parse(place: str, content: bytes) -> tuple[str, dict[str, CostRow], dict[st
             f"{place}: name: must be at most 64 lower-case letters, digits, '.', '-' and '/', not {shown(name)}; "
             'write for example name = "my-board/1"'
         )
-    rows, memory = _base(place, name, data["base"]) if "base" in data else ({}, {})
+    rows, memory, errors = _base(place, name, data["base"]) if "base" in data else ({}, {}, {})
     if "memory_base" in data:
-        _, memory = _base(place, name, data["memory_base"], key="memory_base")
+        _, memory, _ = _base(place, name, data["memory_base"], key="memory_base")
     if "cost" in data or not rows:
         rows = _table(place, "cost", data.get("cost"), ROWS, rows, RULES)
     if "memory" in data:
-        memory = _table(place, "memory", data["memory"], MEMORY_ROWS, memory, MEMORY_RULES)
+        required, optional = ({}, MEMORY_ROWS | MEMORY_RULES) if is_part else (MEMORY_ROWS, MEMORY_RULES)
+        memory = _table(place, "memory", data["memory"], required, memory, optional)
     _check_division(place, rows)
     _check_accumulation(place, rows, own="fp_accumulate_hidden" in data.get("cost", {}))
     _check_cache(place, memory)
     _check_sums(place, rows)
-    return name, rows, memory
+    return name, rows, memory, dict(errors) | _errors(place, data.get("error", {}))
 
 
-def _base(place: str, name: str, base: Any, *, key: str = "base") -> tuple[dict[str, CostRow], dict[str, CostRow]]:
+def _errors(place: str, table: Any) -> dict[str, CountError]:
+    if not isinstance(table, dict):
+        raise ConfigError(f"{place}: error: must be tables of permille and source, not {shown(table)}")
+    errors = {}
+    for name, error in table.items():
+        if name not in ERROR_PLACES:
+            raise UnknownKeyError(name, where=f"{place}: error", known=ERROR_PLACES)
+        permille = error.get("permille") if isinstance(error, dict) else None
+        if (
+            not isinstance(permille, list)
+            or [type(bound) for bound in permille] != [int, int]
+            or not -_MOST_PERMILLE <= permille[0] <= 0 <= permille[1] <= _MOST_PERMILLE
+        ):
+            raise ConfigError(
+                f"{place}: error.{name}.permille: must be two whole numbers around 0, such as [-5, 10], not "
+                f"{shown(permille)}"
+            )
+        errors[name] = CountError((permille[0], permille[1]), _source(f"{place}: error.{name}", error))
+    return errors
+
+
+def _base(place: str, name: str, base: Any, *, key: str = "base") -> _Base:
     if not isinstance(base, str) or base not in shipped_profiles() or base == name:
         names = ", ".join(shipped_profile for shipped_profile in shipped_profiles() if shipped_profile != name)
         raise ConfigError(f"{place}: {key}: must be a shipped profile: {names}; not {shown(base)}")
     profile = load_profile(base)
-    return profile.rows, profile.memory
+    return profile.rows, profile.memory, profile.errors
 
 
 def _table(
@@ -248,21 +325,27 @@ def _row(place: str, row: str, table: Any) -> CostRow:
         raise ConfigError(f"{place}: must be a table of value, band and source, not {shown(table)}")
     for key in sorted(table.keys() - set(_KEYS)):
         raise UnknownKeyError(key, where=place, known=_KEYS)
-    band, source = table.get("band"), table.get("source")
+    band = table.get("band")
     if not isinstance(band, list) or len(band) != 2:
         raise ConfigError(f"{place}.band: must be the lowest and the highest cycles, such as [2, 3], not {shown(band)}")
     value = _cycles(f"{place}.value", row, table.get("value"))
     low, high = (_cycles(f"{place}.band", row, bound) for bound in band)
     if not low <= value <= high:
         raise ConfigError(f"{place}.band: {low} to {high} does not contain the value {value}; correct one of them")
-    if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
-        raise ConfigError(f"{place}.source: must state the origin of the number in up to 500 characters")
-    if not source.isprintable():  # a terminal would execute control characters
-        raise ConfigError(f"{place}.source: must be one line of printable characters, not {shown(source)}")
+    source = _source(place, table)
     against = table.get("against", "")
     if against != "" and (against not in ROWS or against == row):
         raise ConfigError(f"{place}.against: must be the name of another row, not {shown(against)}")
     return CostRow(value, (low, high), source, against)
+
+
+def _source(place: str, table: Mapping[str, Any]) -> str:
+    source = table.get("source")
+    if not isinstance(source, str) or not 0 < len(source.strip()) <= 500:
+        raise ConfigError(f"{place}.source: must state the origin of the number in up to 500 characters")
+    if not source.isprintable():  # a terminal would execute control characters
+        raise ConfigError(f"{place}.source: must be one line of printable characters, not {shown(source)}")
+    return source
 
 
 def _cycles(place: str, row: str, cycles: Any) -> int:
@@ -296,7 +379,8 @@ def _check_accumulation(place: str, rows: dict[str, CostRow], *, own: bool) -> N
 
 
 def _check_cache(place: str, memory: dict[str, CostRow]) -> None:
-    if memory and memory["cache_entry_bytes"].value > memory["flash_line_bytes"].value:
+    entry, line = memory.get("cache_entry_bytes"), memory.get("flash_line_bytes")
+    if entry and line and entry.value > line.value:
         raise ConfigError(
             f"{place}: memory.cache_entry_bytes must be at most flash_line_bytes: one read of the flash fills an entry"
         )

@@ -25,6 +25,28 @@ class CostRow:
     against: str = ""
 
 
+Range = tuple[int, int]
+"""First address and size [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingMemories:
+    """Places of the memories that memory rows apply to: flash, RAMs that answer late, and blocks of all memories."""
+
+    flash: Range
+    late: tuple[Range, ...] = ()
+    blocks: tuple[int, ...] = ()
+    """First addresses of memories between which loads do not overlap."""
+
+
+@dataclass(frozen=True, slots=True)
+class CountError:
+    """Interval of the true count relative to the model's [thousandths], from published counts of similar code."""
+
+    permille: tuple[int, int]
+    source: str
+
+
 class TimingProfile:
     """A timing profile.
 
@@ -34,6 +56,11 @@ class TimingProfile:
         Name and version, such as ``cortex-m4-trm/2``.
     memory
         Rows of the memories; with them, counts include waits for memories.
+    waiting
+        Places of the memories; None for those of the K64F.
+    errors
+        Errors of counts by the memory of the code: ``sram``, ``sram_u`` (from 0x20000000) or ``flash``; None if the
+        ranges of rows are the only doubt.
     shipped
         True if the package's tests fix the numbers of this name; otherwise a digest is appended to the name, as in
         ``mine/1+0a1b2c3d``, so that counts of different tables are not compared.
@@ -45,11 +72,23 @@ class TimingProfile:
     """
 
     def __init__(
-        self, name: str, rows: dict[str, CostRow], memory: dict[str, CostRow] | None = None, *, shipped: bool = True
+        self,
+        name: str,
+        rows: dict[str, CostRow],
+        memory: dict[str, CostRow] | None = None,
+        *,
+        waiting: WaitingMemories | None = None,
+        errors: Mapping[str, CountError] | None = None,
+        shipped: bool = True,
     ) -> None:
         self.memory = memory or {}
+        self.waiting = waiting
+        self.errors = errors or {}
         table = (*sorted(rows.items()), *sorted(self.memory.items()))
-        text = name + "".join(f";{key}={row.value}{row.band}" for key, row in table)
+        text = (
+            name + "".join(f";{key}={row.value}{row.band}" for key, row in table) + (repr(waiting) if waiting else "")
+        )
+        text += "".join(f";{place}={error.permille}" for place, error in sorted(self.errors.items()))
         self.digest = hashlib.sha256(text.encode()).hexdigest()
         self.name = name if shipped else f"{name}+{self.digest[:8]}"
         self.rows = rows
@@ -58,4 +97,6 @@ class TimingProfile:
 def replace_values(profile: TimingProfile, values: Mapping[str, int]) -> TimingProfile:
     """Return a profile with other values in some rows, which may be outside their ranges."""
     rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
-    return TimingProfile(profile.name, rows, profile.memory, shipped=False)
+    return TimingProfile(
+        profile.name, rows, profile.memory, waiting=profile.waiting, errors=profile.errors, shipped=False
+    )

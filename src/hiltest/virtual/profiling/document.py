@@ -18,6 +18,7 @@ from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.placement import LoopPlacement
 from hiltest.virtual.counts.profiling import AddressCost, CallProfile, FunctionCost, LineCost, StackCost
 from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.part.part_file import Part
 from hiltest.virtual.processor.memory import MK64FN1M0
 
 SCHEMA: Literal["hiltest.profile/1"] = "hiltest.profile/1"
@@ -80,6 +81,7 @@ def document(
     results: Sequence[Argument],
     *,
     memory: MemoryMap = MK64FN1M0,
+    part: Part | None = None,
 ) -> ProfileDocument:
     """Create the document of a profile.
 
@@ -90,7 +92,9 @@ def document(
     texts, arguments, results
         The arguments as texts, as values before the call, and as values after it.
     memory
-        Memories of the part.
+        Memories that the function was called with.
+    part
+        Chip that the user named, if any.
     """
     return ProfileDocument(
         SCHEMA,
@@ -104,7 +108,7 @@ def document(
         profile.instructions,
         round(profile.clock_hz),
         profile.cycle_model,
-        tuple(_notes(profile, memory)),
+        tuple(_notes(profile, memory, part)),
         tuple(shares(profile)),
         profile.functions,
         profile.lines,
@@ -137,16 +141,16 @@ def folded(content: ProfileDocument) -> str:
     return "".join(f"{';'.join(stack.functions)} {stack.cycles}\n" for stack in content.stacks)
 
 
-def _notes(profile: CallProfile, memory: MemoryMap) -> Iterator[str]:
+def _notes(profile: CallProfile, memory: MemoryMap, part: Part | None) -> Iterator[str]:
     placement = profile.cycle_model.partition("@")[2]
-    if memory != MK64FN1M0:
+    if part is not None:
+        yield f"called with the memories of {part.title}, without peripherals"
+    elif memory != MK64FN1M0:
         yield f"called on {memory}, without peripherals"
     if profile.memory_cycles is not None:
-        if profile.memory_cycles:
-            yield "waits for memories are in the total, but not in the functions, lines and instructions"
-        if profile.clock_hz != CALL_HZ:
+        if part is None and profile.clock_hz != CALL_HZ:
             yield "waits for flash have the clocks of the timing profile, regardless of the core clock"
-    elif "flash" in placement:
+    elif "flash" in placement and part is None:
         counted = "; the profile cortex-m4-k64f/2 counts them" if memory == MK64FN1M0 else ""
         yield (
             "code ran from flash with zero wait states, because they are not modelled: silicon takes more cycles"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from hiltest.errors import ConfigError
 from hiltest.virtual.board.cortex_m4 import HANG_S
 from hiltest.virtual.board.k64f import board_for
 from hiltest.virtual.calls.call_clock import CALL_HZ, check_clock
@@ -12,6 +13,7 @@ from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import CallProfile, profile_call
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.part.part_file import load_part
 
 
 class ProfiledImage:
@@ -22,23 +24,45 @@ class ProfiledImage:
     elf
         Any program for a Cortex-M4.
     timing
-        Timing profile.
+        Timing profile; by default that of the part, or the default one.
     memory
         Memories of another part, see `hiltest.virtual.board.memory_map`.
+    part
+        Part whose memories and timing profile are used, see `hiltest.virtual.part.part_file.load_part`.
     clock_hz
-        Core clock for the conversion of cycles to seconds [Hz].
+        Core clock [Hz], by default the highest one of the part.
+
+    Attributes
+    ----------
+    part : Part or None
+        The chip, if it was named.
 
     Raises
     ------
     ConfigError
-        If the ELF cannot be loaded, or there is no such timing profile or clock.
+        If the ELF cannot be loaded, if there is no such timing profile, part or clock, or if the part has other
+        memories than `memory`.
     """
 
     def __init__(
-        self, elf: Path, *, timing: str = DEFAULT_PROFILE, memory: str | None = None, clock_hz: float = CALL_HZ
+        self,
+        elf: Path,
+        *,
+        timing: str | None = None,
+        memory: str | None = None,
+        part: str | None = None,
+        clock_hz: float | None = None,
     ) -> None:
-        self._clock_hz = check_clock(clock_hz)
-        self._board = board_for(elf, profile=load_profile(timing), memory=memory)
+        self.part = chip = None if part is None else load_part(part)
+        if chip is not None and chip.memories and memory is not None:
+            raise ConfigError(f"--part {part} has its own memories: leave out --memory, or name another part")
+        highest_hz = CALL_HZ if chip is None else chip.clock_hz
+        self._clock_hz = check_clock(highest_hz if clock_hz is None else clock_hz)
+        if timing is not None or chip is None:
+            profile = load_profile(timing or DEFAULT_PROFILE)
+        else:
+            profile = chip.timing(self._clock_hz)
+        self._board = board_for(elf, profile=profile, memory=memory, part=chip)
 
     @property
     def memory(self) -> MemoryMap:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hiltest.virtual.model.profile_file import MEMORY_ROWS, ROWS, RULES
+from hiltest.virtual.model.profile_file import MEMORY_ROWS, MEMORY_RULES, ROWS, RULES
 from hiltest.virtual.model.timing import CostRow, TimingProfile
 from hiltest.virtual.silicon.measured_profile import PLACES, MeasuredProfile
 from hiltest.virtual.silicon.rule_candidates import Judgement
@@ -44,6 +44,16 @@ class MemoryRow:
 
 
 @dataclass(frozen=True, slots=True)
+class PublishedError:
+    """Interval of true counts relative to those of the model."""
+
+    code: str
+    """Memory of the code: ``sram``, ``sram_u`` (from 0x20000000) or ``flash``."""
+    permille: tuple[int, int]
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
 class Timing:
     """A timing profile."""
 
@@ -53,6 +63,8 @@ class Timing:
     """Name, digest and file of the profile."""
     rows: list[TimedRow]
     memory: list[MemoryRow]
+    errors: list[PublishedError]
+    """Errors of its counts, from published counts of similar code; empty if the ranges of rows are the only doubt."""
 
 
 def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
@@ -64,7 +76,10 @@ def print_table(console: Console, profile: TimingProfile, file: Path) -> None:
     console.print(f"{len(rows)} rows, {uncertain} of them uncertain", soft_wrap=True)
     console.print(_table("cycles", profile.rows, ROWS | RULES))
     if profile.memory:
-        console.print(_table("value", profile.memory, MEMORY_ROWS))
+        console.print(_table("value", profile.memory, MEMORY_ROWS | MEMORY_RULES))
+    for place, error in profile.errors.items():
+        low, high = (f"{permille / 10:+g} %" for permille in error.permille)
+        console.print(escape(f"code in {place}: true counts are {low} to {high} off ({error.source})"), soft_wrap=True)
 
 
 def print_measured(console: Console, measured: MeasuredProfile) -> None:
@@ -142,10 +157,10 @@ def timing_document(profile: TimingProfile, file: Path) -> Timing:
     """Return the document of a profile."""
     prices = ROWS | RULES
     rows = [TimedRow(name, row.value, row.band, prices[name], row.source) for name, row in profile.rows.items()]
-    memory = [
-        MemoryRow(name, row.value, row.band, MEMORY_ROWS[name], row.source) for name, row in profile.memory.items()
-    ]
-    return Timing(profile.name, profile.digest, str(file), rows, memory)
+    meanings = MEMORY_ROWS | MEMORY_RULES
+    memory = [MemoryRow(name, row.value, row.band, meanings[name], row.source) for name, row in profile.memory.items()]
+    errors = [PublishedError(place, error.permille, error.source) for place, error in profile.errors.items()]
+    return Timing(profile.name, profile.digest, str(file), rows, memory, errors)
 
 
 def _band(row: CostRow) -> str:

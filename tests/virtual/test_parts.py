@@ -1,0 +1,268 @@
+"""Parts: where their memories are, what these add to the cycles of a sequence, and what their files refuse."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hiltest import cycles
+from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.virtual.part.part_file import load_part, shipped_parts
+
+MHZ = 1_000_000
+Count = Callable[..., int]
+#: A function whose address and data the linker places; r1 and r2 are addresses of its data, r3 of another one.
+SOURCE = """
+    .syntax unified
+    .thumb
+    .section .vectors, "a"
+    .word stack_top, work
+    .section .fast, "ax", %progbits
+    .balign 16
+    .global work
+    .type work, %function
+    .thumb_func
+work:
+    push {{r4-r7}}
+    ldr r1, =near
+    add r2, r1, #64
+    vmov s0, r1
+    ldr r3, =far
+    movs r0, #0
+    .balign 4
+    {sequence}
+    .balign 4
+    nop
+    pop {{r4-r7}}
+    bx lr
+    .ltorg
+    .size work, . - work
+    .section .near, "aw", %progbits
+    .balign 16
+near:
+    .space 256
+    .section .far, "aw", %progbits
+    .balign 16
+far:
+    .space 256
+"""
+SCRIPT = """
+SECTIONS {{
+    .vectors {code:#x} - 0x100 : {{ *(.vectors) }}
+    .fast {code:#x} : {{ *(.fast) }}
+    .near {near:#x} : {{ *(.near) }}
+    .far {far:#x} : {{ *(.far) }}
+    stack_top = {stack:#x};
+}}
+"""
+FLASH, SRAM1, SRAM2 = 0x08001000, 0x20000000, 0x2001C000
+REMAPPED = 0x1000
+
+
+class Linker:
+    """Links a sequence, with its code, data and stack at any addresses."""
+
+    def __init__(self, compiler: str, folder: Path) -> None:
+        self._compiler, self._folder = compiler, folder
+
+    def link(
+        self,
+        sequence: str,
+        *,
+        code: int = FLASH,
+        near: int = SRAM1,
+        far: int = SRAM1 + 0x1000,
+        stack: int = SRAM1 + 0x8000,
+    ) -> Path:
+        source, script, elf = (self._folder / name for name in ("work.S", "work.ld", "work.elf"))
+        source.write_text(SOURCE.format(sequence=sequence))
+        script.write_text(SCRIPT.format(code=code, near=near, far=far, stack=stack))
+        flags = ["-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-nostdlib", "-Wl,-e,work"]
+        places = ["-Wl,--build-id=none,--no-warn-rwx-segments", f"-Wl,-T,{script}"]
+        subprocess.run([self._compiler, *flags, *places, source, "-o", elf], check=True, timeout=60)
+        return elf
+
+    def count(self, sequence: str, **places: int) -> int:
+        """Count the cycles of a sequence on an STM32F407 at 24 MHz, without those of the code around it."""
+        whole, empty = (
+            cycles(self.link(text, **places), part="stm32f407", clock_hz=24 * MHZ).call("work").cycles
+            for text in (sequence, "nop.w")
+        )
+        return whole - empty + 1
+
+
+@pytest.fixture
+def linker(require_tool: Callable[[str], str], tmp_path: Path) -> Linker:
+    return Linker(require_tool("arm-none-eabi-gcc"), tmp_path)
+
+
+@pytest.fixture
+def count(linker: Linker) -> Count:
+    return linker.count
+
+
+@pytest.mark.parametrize(
+    ("sequence", "expected"),
+    [
+        ("ldr.w r4, [r1]\n ldr.w r5, [r2]", 3),
+        ("ldr r4, [r1], #4\n ldr.w r5, [r1]", 3),
+        ("ldr r4, [r1], #4\n ldr r5, [r1], #4", 4),
+        ("ldr r4, [r1], #4\n ldr r5, [r2], #4", 3),
+        ("str.w r0, [r1]\n ldm.w r2, {r4, r5}", 5),
+        ("str.w r0, [r1]\n stm.w r2, {r4, r5}", 4),
+        ("vmov r4, s0\n ldr.w r5, [r4]", 4),
+        ("vmov r4, s0\n nop.w\n ldr.w r5, [r4]", 4),
+        ("ldr.w r4, [r1, #2]", 3),
+        ("ldr.w r4, [r1, #1]", 4),
+        ("ldrh.w r4, [r1, #1]", 3),
+        ("strh.w r0, [r1, #1]", 2),
+    ],
+)
+def test_a_sequence_takes_the_cycles_of_version_3(count: Count, sequence: str, expected: int) -> None:
+    assert count(sequence) == expected
+
+
+def test_loads_overlap_only_within_one_block_of_memory(count: Count) -> None:
+    sequence = "ldr.w r4, [r1]\n ldr.w r5, [r3]\n ldr.w r6, [r2]"
+    assert count(sequence) == 4
+    assert count(sequence, far=SRAM2) == count(sequence) + 2
+    assert count("ldr.w r4, [r1]\n str.w r0, [r3]") == 2
+    assert count("ldr.w r4, [r1]\n str.w r0, [r3]", far=SRAM2) == 3
+
+
+@pytest.mark.parametrize(
+    ("sequence", "waits"),
+    [
+        ("ldr.w r4, [r3]", 1),
+        ("ldr.w r4, [r3]\n ldr.w r5, [r3, #4]\n ldr.w r6, [r3, #8]", 1),
+        ("ldr.w r4, [r3]\n nop.w\n ldr.w r5, [r3]", 2),
+        ("ldm.w r3, {r4, r5, r6}", 1),
+        ("stm.w r3, {r4, r5, r6}", 1),
+        ("str.w r0, [r3]", 0),
+        ("str.w r0, [r3]\n str.w r0, [r3, #4]", 1),
+        ("str.w r0, [r3]\n str.w r0, [r3, #4]\n str.w r0, [r3, #8]", 1),
+        ("str.w r0, [r3]\n ldr.w r4, [r3, #4]", 1),
+        ("str.w r0, [r3]\n nop.w\n ldr.w r4, [r3, #4]", 1),
+    ],
+)
+def test_a_late_ram_delays_each_group_of_accesses_once(count: Count, sequence: str, waits: int) -> None:
+    assert count(sequence, far=SRAM2) == count(sequence) + waits
+
+
+def test_a_table_in_flash_takes_seven_hundredths_of_a_cycle_a_load(count: Count) -> None:
+    loads = ".rept 400\n ldr.w r4, [r3]\n nop.w\n .endr"
+    assert count(loads, far=FLASH + 0x2000) == count(loads) + 28
+    assert count(loads, far=FLASH + 0x2000, code=REMAPPED) == count(loads, code=REMAPPED)
+
+
+def test_code_in_sram_competes_with_data_for_the_system_bus(count: Count) -> None:
+    code, sequence = SRAM1 + 0x2000, ".rept 100\n ldr.w r4, [r1]\n nop.w\n .endr"
+    assert count(sequence, code=REMAPPED) == 300
+    # Two words of code of two clocks each, and a word of data, a turn.
+    assert count(sequence, code=code) == pytest.approx(500, abs=3)  # as far as the core fetches ahead
+    slow = ".rept 100\n udiv r4, r0, r0\n .endr"
+    assert count(slow, code=code) == pytest.approx(count(slow, code=REMAPPED), abs=2)  # the fetch keeps up
+
+
+def test_flash_waits_by_the_core_clock_and_a_loop_in_the_cache_does_not(linker: Linker) -> None:
+    part = load_part("stm32f407")
+    assert [part.timing(mhz * MHZ).name for mhz in (24, 30, 31, 168)] == [
+        "stm32f407/1-0ws",
+        "stm32f407/1-0ws",
+        "stm32f407/1-1ws",
+        "stm32f407/1-5ws",
+    ]
+    sequences = {"straight": ".rept 400\n eor.w r4, r4, r5\n .endr", "loop": "movs r4, #200\n 1: subs r4, #1\n bne 1b"}
+    counts = {
+        (name, mhz): cycles(linker.link(sequence), part="stm32f407", clock_hz=mhz * MHZ).call("work").cycles
+        for name, sequence in sequences.items()
+        for mhz in (24, 168)
+    }
+    # A line of four instructions takes five clocks more, and the next one is read ahead: one clock a line waits.
+    assert 100 <= counts["straight", 168] - counts["straight", 24] <= 140  # the code around it waits, too
+    assert counts["loop", 168] - counts["loop", 24] < 40
+
+
+def test_the_stack_is_where_the_image_has_it(count: Count) -> None:
+    pushes = "push.w {r4-r7}\n pop.w {r4-r7}"
+    assert count(pushes, stack=SRAM2 + 0x4000) == count(pushes) + 2
+
+
+DIGESTS = {
+    "generic-m4/1": "56a29e074b21d8e7",
+    "mk64f12/1": "b37f274f24ef0ac1",
+    "nrf52840/1": "78ee0d6e2f13a0f9",
+    "stm32f407/1": "5204718d0c6c8935",
+    "stm32g4/1": "66064c2e620de819",
+    "stm32l4r5/1": "09681f7bda7df46f",
+}
+
+
+def test_every_shipped_part_has_sources_and_its_numbers_stay() -> None:
+    digests = {name: load_part(name).timing().digest[:16] for name in shipped_parts()}
+    assert digests == DIGESTS
+    for name in shipped_parts():
+        profile = load_part(name).timing()
+        assert all(row.source for row in (*profile.rows.values(), *profile.memory.values()))
+        assert {"sram", "flash"} <= profile.errors.keys()
+
+
+def test_a_part_is_named_without_its_version_and_a_file_of_ones_own_is_told_from_it(tmp_path: Path) -> None:
+    shipped = shipped_parts()["nrf52840/1"]
+    assert load_part("nrf52840").name == load_part("nrf52840/1").name == "nrf52840/1"
+    own = tmp_path / "own.toml"
+    own.write_text(shipped.read_text(encoding="utf-8"), encoding="utf-8")
+    assert load_part(str(own)).timing().name.startswith("nrf52840/1+")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "place"),
+    [
+        ("[part]", "[parts]", "there is no table"),
+        ("kib = 256", "kib = 0", "part.memories.1.kib"),
+        ("kib = 256", "kb = 256", "part.memories.1"),
+        ("begin = 0x20000000", "begin = 0x00000000", "overlap"),
+        ('kind = "ram"', 'kind = "flash"', "there is no RAM"),
+        ('title = "nRF52840"', "", "part.title is missing"),
+        ("[memory.flash_clocks]\nvalue = 3", "[memory.flash_clocks]\nvalue = 0", "memory.flash_clocks.value"),
+        ("[memory.cache_ways]", "[memory.cache_way]", "cache_way"),
+        ("[error.flash]\npermille = [-16, 28]", "[error.flash]\npermille = [16, 28]", "error.flash.permille"),
+        ("[error.flash]", "[error.rom]", "rom"),
+    ],
+)
+def test_a_wrong_part_file_is_refused_with_the_place(tmp_path: Path, before: str, after: str, place: str) -> None:
+    text = shipped_parts()["nrf52840/1"].read_text(encoding="utf-8")
+    assert before in text
+    file = tmp_path / "own.toml"
+    file.write_text(text.replace(before, after), encoding="utf-8")
+    with pytest.raises((ConfigError, UnknownKeyError), match=place):
+        load_part(str(file))
+
+
+def test_a_part_that_is_unknown_or_too_fast_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no part 'stm32f1'; known: generic-m4"):
+        load_part("stm32f1")
+    with pytest.raises(ConfigError, match="runs at up to 168 MHz, not 180 MHz"):
+        load_part("stm32f407").timing(180 * MHZ)
+
+
+def test_memories_are_those_of_the_part_or_of_the_user() -> None:
+    with pytest.raises(ConfigError, match="has its own memories"):
+        cycles(part="mk64f12", memory="ram=0x20000000:64K")
+    assert str(cycles(part="mk64f12").memory) == "flash=0x00000000:1024K,ram=0x1fff0000:256K"
+
+
+def test_the_range_of_a_count_is_that_of_published_counts() -> None:
+    counted = cycles(part="mk64f12").call("crc32", b"123456789", 9)
+    assert counted.cycle_model == "mk64f12/1@flash"
+    assert counted.band is not None
+    assert (counted.band.low, counted.band.high) == (
+        counted.cycles - -(-150 * counted.cycles // 1000),
+        counted.cycles + -(-150 * counted.cycles // 1000),
+    )
+    bare = cycles(part="generic-m4").call("crc32", b"123456789", 9)
+    assert bare.band is not None
+    assert bare.band.high - bare.band.low <= 0.02 * bare.cycles + 2  # rounded up at both ends
