@@ -8,6 +8,8 @@ import numpy as np
 
 from hiltest.boards import default_firmware
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
+from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.processor.cpu import RETURN_ADDRESS
 from hiltest.virtual.processor.schedule import Event
 
@@ -28,10 +30,12 @@ class KernelLoop:
         Name of the calibrator's function.
     rounds : int
         How often a run calls it.
+    profile : TimingProfile, optional
+        Prices of the instructions, and waits of the memories.
     """
 
-    def __init__(self, kernel: str, rounds: int) -> None:
-        self._board = VirtualK64F(default_firmware())
+    def __init__(self, kernel: str, rounds: int, profile: TimingProfile | None = None) -> None:
+        self._board = VirtualK64F(default_firmware(), profile=profile or DEFAULT_PROFILE)
         self._rounds = rounds
         self._entry = self._board.image.symbols[kernel].address | 1
         memory = self._board.processor.memory
