@@ -192,11 +192,10 @@ class Memories:
             self.flash.word = word
         return max(0, self._bus_free_at - cycle)
 
-    def jump(self, target: int, cycle: int) -> int:
-        """Return for how many clocks a jump waits for its target."""
+    def jump(self, cycle: int) -> None:
+        """Forget the fetched word: the core jumps."""
         self.flash.forget_word()
         self._jumped_at = cycle
-        return self._rows.get("flash_branch", 0) if self._is_flash(target) else 0
 
     def access(self, code: int, words: int, *, is_first: bool, role: Role, address: int, size: int, cycle: int) -> int:
         """Return for how many clocks an access of the instruction at `code` waits, which moves `words` words."""

@@ -59,8 +59,8 @@ class NewModel:
     def fetch(self, address: int, size: int, cycle: int) -> int:
         return int(self.library.waits_fetch(self.waits, address, size, cycle))
 
-    def jump(self, target: int, cycle: int) -> int:
-        return int(self.library.waits_jump(self.waits, target, cycle))
+    def jump(self, cycle: int) -> None:
+        self.library.waits_jump(self.waits, cycle)
 
     def access(self, code: int, words: int, *, is_first: bool, role: Role, address: int, size: int, cycle: int) -> int:
         return int(self.library.waits_access(self.waits, code, words, is_first, role, address, size, cycle))
@@ -91,7 +91,7 @@ class Course:
                 yield self.access()
                 self.first = False
             if self.chance.random() < 0.2:
-                yield self.jump()
+                self.jump()
             if self.chance.random() < 0.05:
                 self.change()
             self.cycle += self.chance.randint(0, 3)
@@ -125,12 +125,11 @@ class Course:
         self.cycle += waits[0]
         return text, waits[0], waits[1]
 
-    def jump(self) -> tuple[str, int, int]:
+    def jump(self) -> None:
         places = self.places[:FLASH_PLACES] if self.chance.random() < 0.8 else self.places[:-2]
         self.code = self.chance.choice(places) + 2 * self.chance.randrange(self.span // 2)
-        waits = [model.jump(self.code, self.cycle) for model in (self.old, self.new)]
-        self.cycle += waits[0]
-        return f"jump to 0x{self.code:x}", waits[0], waits[1]
+        for model in (self.old, self.new):
+            model.jump(self.cycle)
 
     def change(self) -> None:
         """Do something rarer to both."""
@@ -169,7 +168,6 @@ def random_values(chance: random.Random) -> dict[str, int]:
         "flash_uncertainty": 15,
         "unaligned": chance.randint(0, 3),
         "flash_synchronous": chance.randrange(2),
-        "flash_branch": chance.randint(0, 2),
         "flash_load": chance.choice((0, 10, 100, 250)),
         "late_access": chance.randint(0, 2),
         "system_fetch": chance.randint(0, 3),

@@ -153,10 +153,10 @@ static inline bool is_settled(const struct machine *machine, const struct node *
     return !WAITS || waits_are_over(machine->waits, node->address, node->instruction.size);
 }
 
-/* Return the cycles that a jump waits for its target. */
-static inline int32_t jump_wait(struct machine *machine, struct node *node, uint32_t target, int64_t cycle)
+static inline void forget_fetched_word(struct machine *machine, int64_t cycle)
 {
-    return WAITS ? count_wait(machine, node, waits_jump(machine->waits, target, cycle)) : 0;
+    if (WAITS)
+        waits_jump(machine->waits, cycle);
 }
 
 /* Called after a write to r13: its lowest bits stay zero (DDI 0403E, B1.4.7), and it may have a new lowest value.
@@ -723,11 +723,8 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
                 }
                 if (node->taken == node && horizon > cycles && node->taken_cost > 0 && !node->marks
                     && is_settled(machine, node)) {
-                    const int32_t wait = WAITS ? waits_jump(machine->waits, node->address, cycles) : 0;
-                    int64_t rounds = (horizon - cycles - 1) / (node->taken_cost + wait);
-                    cycles += rounds * (node->taken_cost + wait);
-                    core->memory_cycles += rounds * wait;
-                    node->waited += rounds * wait;
+                    int64_t rounds = (horizon - cycles - 1) / node->taken_cost;
+                    cycles += rounds * node->taken_cost;
                     instructions += rounds;
                     node->jumps += (uint64_t)rounds;
                 }
@@ -898,7 +895,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
             goto over;
         }
     jumps_within:
-        cycles += jump_wait(machine, node, target, cycles);
+        forget_fetched_word(machine, cycles);
         if (node->taken && (node->jump | 1) == target) {
             from = node;
             cycles += node->taken_cost;
@@ -908,7 +905,7 @@ enum outcome EXECUTE(struct machine *machine, struct node *node, int64_t limit)
         }
         goto arrives;
     branches:
-        cycles += jump_wait(machine, node, i->immediate, cycles);
+        forget_fetched_word(machine, cycles);
         if (node->taken) {
             from = node;
             cycles += node->taken_cost;

@@ -304,12 +304,11 @@ int32_t waits_fetch(struct memory_waits *waits, uint32_t address, uint32_t size,
     return wait_for_flash(waits, address, size, cycle, true);
 }
 
-int32_t waits_jump(struct memory_waits *waits, uint32_t target, int64_t cycle)
+void waits_jump(struct memory_waits *waits, int64_t cycle)
 {
     waits->word = NOTHING;
     if (waits->value[MEMORY_system_fetch]) /* otherwise states before and after a turn of a waiting loop would differ */
         waits->jumped_at = cycle;
-    return is_flash(waits, target) ? waits->value[MEMORY_flash_branch] : 0;
 }
 
 bool waits_are_over(const struct memory_waits *waits, uint32_t address, uint32_t size)

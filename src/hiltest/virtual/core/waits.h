@@ -22,7 +22,7 @@ enum { CACHE_WAYS = 16, CACHE_SETS = 64, LATE_RAMS = 4 };
     X(upper_single, 0, 1000, false) X(upper_multiple, 0, 1000, false) \
     X(flash_lower_single, 0, 1000, false) X(flash_lower_multiple, 0, 1000, false) \
     X(flash_uncertainty, 0, 100, false) X(unaligned, 0, 1000, false) X(flash_synchronous, 0, 1, false) \
-    X(flash_branch, 0, 1000, false) X(flash_load, 0, 1000, false) X(late_access, 0, 1000, false) \
+    X(flash_load, 0, 1000, false) X(late_access, 0, 1000, false) \
     X(system_fetch, 0, 1000, false)
 #define MEMORY_ROW_ENUMERATOR(NAME, LEAST, LARGEST, IS_POWER) MEMORY_##NAME,
 enum memory_row { MEMORY_ROWS(MEMORY_ROW_ENUMERATOR) MEMORY_ROW_COUNT };
@@ -90,8 +90,8 @@ bool fetches_wait(const struct memory_waits *waits, uint32_t address);
 /* Return the wait of an instruction that is fetched at `cycle` [cycles]. Cycles of successive accesses must not
  * decrease. */
 int32_t waits_fetch(struct memory_waits *waits, uint32_t address, uint32_t size, int64_t cycle);
-/* Drop the fetched word, because the core jumps at `cycle`; return the wait of a jump to an address. */
-int32_t waits_jump(struct memory_waits *waits, uint32_t target, int64_t cycle);
+/* Drop the fetched word, because the core jumps at `cycle`. */
+void waits_jump(struct memory_waits *waits, int64_t cycle);
 /* Return whether an instruction that is fetched repeatedly never waits. */
 bool waits_are_over(const struct memory_waits *waits, uint32_t address, uint32_t size);
 /* Return the wait of an access to data [cycles].

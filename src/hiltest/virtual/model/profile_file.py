@@ -92,7 +92,6 @@ MEMORY_ROWS = {
 MEMORY_RULES = {
     "unaligned": "added for each part but the first of an unaligned access",
     "flash_synchronous": "1 if the flash has the core's clock: of flash_clocks the first is the fetch's own",
-    "flash_branch": "added when a branch to flash is taken",
     "flash_load": "hundredths of a clock: an access of one word of code in flash to data in flash",
     "system_fetch": "clocks for which a fetched word occupies the system bus, over which code from 0x20000000 comes",
     "late_access": "added once to successive accesses to a RAM that answers late; the store buffer hides a lone store",
