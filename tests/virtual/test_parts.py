@@ -191,6 +191,20 @@ def test_the_stack_is_where_the_image_has_it(count: Count) -> None:
     assert count(pushes, stack=SRAM2 + 0x4000) == count(pushes) + 2
 
 
+def test_a_call_states_its_own_use_of_the_stack(linker: Linker) -> None:
+    frames = {"nop.w": 16, "push.w {r4-r7}\n pop.w {r4-r7}": 32, "sub sp, #100\n add sp, #100": 116}
+    for sequence, expected in frames.items():
+        image = cycles(linker.link(sequence), part="stm32f407", clock_hz=24 * MHZ)
+        assert [image.call("work").stack_bytes for _ in range(2)] == [expected, expected]
+
+
+def test_less_stack_than_in_an_earlier_call_is_stated() -> None:
+    image = cycles()
+    used = [image.call("crc32", b"123456789", 9).stack_bytes, image.call("memset", bytearray(8), 7, 8).stack_bytes]
+    assert used[1] < used[0]
+    assert used[0] == image.call("crc32", b"123456789", 9).stack_bytes
+
+
 DIGESTS = {
     "generic-m4/1": "56a29e074b21d8e7",
     "mk64f12/1": "b37f274f24ef0ac1",

@@ -37,7 +37,14 @@ from hiltest.measurement.measurement import (
     plain,
     round_significant,
 )
-from hiltest.measurement.ranking import FLASH_TIE, cannot_be_ranked, is_beyond, ratio_range, runs_from_flash
+from hiltest.measurement.ranking import (
+    FLASH_TIE,
+    cannot_be_ranked,
+    is_beyond,
+    ratio_range,
+    runs_from_flash,
+    waits_for_flash,
+)
 
 __all__ = [
     "DOUBT",
@@ -77,4 +84,5 @@ __all__ = [
     "round_significant",
     "runs_from_flash",
     "tolerance_of",
+    "waits_for_flash",
 ]

@@ -20,6 +20,18 @@ def runs_from_flash(cycle_model: str) -> bool:
     return "flash" in cycle_model.partition("@")[2]
 
 
+def waits_for_flash(cycle_model: str) -> bool:
+    """Return whether a cycle model counts code in flash whose waits are not known exactly.
+
+    Code in flash without wait states does not depend on where the linker has put it.
+
+    >>> [waits_for_flash(f"{model}@flash") for model in ("stm32f407/1-0ws", "stm32f407/1-5ws", "cortex-m4-k64f/2")]
+    [False, True, True]
+    """
+    model = cycle_model.partition("@")[0]
+    return runs_from_flash(cycle_model) and not model.endswith("-0ws") and not model.startswith("generic-")
+
+
 _Ends = tuple[tuple[float, float], ...]
 """Changes of two counts by one row: at its value, and at both ends of its range."""
 
@@ -88,7 +100,7 @@ def cannot_be_ranked(one: Measurement | None, other: Measurement | None) -> bool
     """Return whether two cycle counts are of code in flash and too close to be ranked."""
     if one is None or other is None or not one.value or not other.value:
         return False
-    flash = runs_from_flash(one.cycle_model) and runs_from_flash(other.cycle_model)
+    flash = waits_for_flash(one.cycle_model) and waits_for_flash(other.cycle_model)
     return flash and not is_beyond(FLASH_TIE, abs(one.value - other.value), one.value, other.value)
 
 

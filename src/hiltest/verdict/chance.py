@@ -14,8 +14,8 @@ from hiltest.measurement import (
     Tolerance,
     deviation_of,
     is_direction,
-    runs_from_flash,
     tolerance_of,
+    waits_for_flash,
 )
 from hiltest.verdict.evidence import REAL
 from hiltest.verdict.pairs import Pairs, values_of
@@ -86,7 +86,7 @@ def chance_of(pairs: Pairs, board: str, tolerances: Mapping[str, Tolerance]) -> 
 
 def flash_tolerance(latest: Measurement, tolerance: Tolerance) -> Tolerance:
     """Return the tolerance, widened to the smallest difference that counts of code in flash can resolve."""
-    if not runs_from_flash(latest.cycle_model):
+    if not waits_for_flash(latest.cycle_model):
         return tolerance
     return Tolerance(tolerance.absolute, max(tolerance.relative, FLASH_TIE))
 

@@ -13,6 +13,7 @@ from hiltest.virtual.calls.procedure_call import Argument, assign, result
 from hiltest.virtual.processor.cpu import RETURN_ADDRESS, Processor
 from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.processor.slices import Slice
+from hiltest.virtual.processor.stacks import forget_stacks, known_stacks
 from hiltest.virtual.program.elf import FirmwareImage, LoadSegment, Symbol
 from hiltest.virtual.program.signatures import Signature
 
@@ -30,6 +31,8 @@ class CallResult:
     """Instructions from the function's first one to its return, inclusive."""
     clock_hz: float
     """Core clock during the call [Hz]."""
+    stack_bytes: int | None = field(default=None, compare=False, kw_only=True)
+    """Largest use of the stack by the function and its callees; None on a board that runs firmware."""
     executed: Slice | None = field(default=None, compare=False, repr=False, kw_only=True)
     """The call as a slice that can be repeated; None if it had too many loads from devices."""
 
@@ -152,6 +155,8 @@ def call_function(
     registers.floating.write(floating)
     processor.flush_pipeline()
     machine, cycles, instructions = processor.machine, processor.cycles, processor.instructions
+    if not booted:  # otherwise they are the firmware's
+        forget_stacks(machine)
     begin, loads = machine.snapshot(), processor.core.device_loads
     hang_cycles = round(timeout_s * clock_hz)
     delivered, processor.delivers_faults = processor.delivers_faults, False
@@ -164,6 +169,7 @@ def call_function(
         cycles, instructions = processor.cycles - cycles, processor.instructions - instructions
         answers = machine.answers(loads)
         scratch.fetch()
+        stacks = known_stacks(machine)
     finally:
         registers.primask.set(saved[2])
         registers.floating_frame.write(saved[1])
@@ -174,7 +180,8 @@ def call_function(
         processor.delivers_faults = delivered
         processor.flush_pipeline()
     executed = None if answers is None else Slice(machine, begin, cycles, instructions, answers)
-    return CallResult(value, cycles, instructions, clock_hz, executed=executed)
+    stack_bytes = None if booted else max((pointer - stack.lowest for stack in stacks), default=0)
+    return CallResult(value, cycles, instructions, clock_hz, stack_bytes=stack_bytes, executed=executed)
 
 
 def _result(processor: Processor, signature: Signature | None) -> int | float | None:

@@ -554,6 +554,8 @@ int32_t machine_decode(
 
 /* Return the used stacks in the order of their first use; valid until the machine runs again. */
 const struct machine_stack *machine_stacks(struct machine *machine, int32_t *count);
+/* Forget all stacks; the next move of the stack pointer begins one. */
+void machine_forget_stacks(struct machine *machine);
 
 /* Watch the function at an address from now on. Returns its number, also if it is already watched, or -1 if there are
  * too many. */

@@ -98,6 +98,13 @@ void stacks_record_lowest(struct machine *machine, bool seeks)
     }
 }
 
+void machine_forget_stacks(struct machine *machine)
+{
+    machine->history.stacks.count = 0;
+    machine->history.stack_lowest = UINT32_MAX; /* no stack pointer is in the range */
+    machine->history.stack_used = 0;
+}
+
 uint32_t stacks_used(const struct machine *machine, uint32_t above, uint32_t lowest)
 {
     for (int32_t i = 0; i < machine->history.stacks.count; i++) {

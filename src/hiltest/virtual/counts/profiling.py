@@ -259,6 +259,7 @@ class _Sums:
             stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
             band=timed_range(self._timing, self._cycle_model, result.cycles, executed),
             memory_cycles=memory_cycles if memory_cycles or self._timing.memory else None,
+            stack_bytes=result.stack_bytes,
             loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
         )
 

@@ -25,6 +25,11 @@ class Stack:
         return self.top - self.lowest
 
 
+def forget_stacks(machine: Machine) -> None:
+    """Forget all stacks; the next move of the stack pointer begins one."""
+    lib.machine_forget_stacks(machine.handle)
+
+
 def known_stacks(machine: Machine) -> list[Stack]:
     """Return the stacks in the order of their first use; firmware starts on the first one."""
     count = ffi.new("int32_t *")

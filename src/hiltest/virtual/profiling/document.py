@@ -71,6 +71,8 @@ class ProfileDocument:
     stacks: tuple[StackCost, ...]
     band: CycleRange | None = None
     loops: tuple[LoopPlacement, ...] = ()
+    stack_bytes: int | None = None
+    """Largest use of the stack by the function and its callees."""
 
 
 def document(
@@ -116,6 +118,7 @@ def document(
         profile.stacks,
         profile.band,
         profile.loops,
+        profile.stack_bytes,
     )
 
 

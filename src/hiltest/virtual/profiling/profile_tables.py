@@ -55,9 +55,10 @@ def _print_head(console: Console, profile: ProfileDocument) -> None:
         console.print(escape(_buffer(buffer)), soft_wrap=True)
     microseconds = profile.cycles / profile.core_clock_hz * 1e6
     mean_cycles = profile.cycles / profile.instructions
+    stack = "" if profile.stack_bytes is None else f", {_group_digits(profile.stack_bytes)} bytes of stack"
     console.print(
         f"[bold]{_group_digits(profile.cycles)} cycles[/bold], {_group_digits(profile.instructions)} instructions "
-        f"({mean_cycles:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz",
+        f"({mean_cycles:.2f} cycles each), {microseconds:.2f} us at {profile.core_clock_hz / 1e6:g} MHz{stack}",
         soft_wrap=True,
     )
     band = f": {profile.band.explained(of=profile.cycles)}" if profile.band else ""
