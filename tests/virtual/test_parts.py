@@ -11,6 +11,7 @@ import pytest
 from hiltest import cycles
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.virtual.part.part_file import load_part, shipped_parts
+from hiltest.virtual.profiling.document import document
 
 MHZ = 1_000_000
 Count = Callable[..., int]
@@ -158,13 +159,17 @@ def test_a_table_in_flash_takes_seven_hundredths_of_a_cycle_a_load(count: Count)
     assert count(loads, far=FLASH + 0x2000, code=REMAPPED) == count(loads, code=REMAPPED)
 
 
-def test_code_in_sram_competes_with_data_for_the_system_bus(count: Count) -> None:
-    code, sequence = SRAM1 + 0x2000, ".rept 100\n ldr.w r4, [r1]\n nop.w\n .endr"
-    assert count(sequence, code=REMAPPED) == 300
-    # Two words of code of two clocks each, and a word of data, a turn.
-    assert count(sequence, code=code) == pytest.approx(500, abs=3)  # as far as the core fetches ahead
-    slow = ".rept 100\n udiv r4, r0, r0\n .endr"
-    assert count(slow, code=code) == pytest.approx(count(slow, code=REMAPPED), abs=2)  # the fetch keeps up
+def test_code_in_ram_competes_with_data_for_the_system_bus(linker: Linker) -> None:
+    def count(sequence: str, code: int) -> int:
+        whole, empty = (
+            cycles(linker.link(text, code=code), part="nrf52840").call("work").cycles for text in (sequence, "nop.w")
+        )
+        return whole - empty
+
+    accesses, divisions = ".rept 100\n ldr.w r4, [r1]\n nop.w\n .endr", ".rept 100\n udiv r4, r0, r0\n .endr"
+    # Two words of code of two clocks each, and a word of data, a turn; the core fetches some words ahead.
+    assert count(accesses, SRAM1 + 0x2000) == pytest.approx(500, abs=8)
+    assert count(divisions, SRAM1 + 0x2000) == pytest.approx(1200, abs=8)  # the fetch keeps up
 
 
 def test_flash_waits_by_the_core_clock_and_a_loop_in_the_cache_does_not(linker: Linker) -> None:
@@ -209,9 +214,9 @@ DIGESTS = {
     "generic-m4/1": "56a29e074b21d8e7",
     "mk64f12/1": "b37f274f24ef0ac1",
     "nrf52840/1": "78ee0d6e2f13a0f9",
-    "stm32f407/1": "5204718d0c6c8935",
-    "stm32g4/1": "66064c2e620de819",
-    "stm32l4r5/1": "09681f7bda7df46f",
+    "stm32f407/1": "2cfb485281c5daff",
+    "stm32g4/1": "cd5ba781cd862cb7",
+    "stm32l4r5/1": "c4b6025376caf59c",
 }
 
 
@@ -280,3 +285,11 @@ def test_the_range_of_a_count_is_that_of_published_counts() -> None:
     bare = cycles(part="generic-m4").call("crc32", b"123456789", 9)
     assert bare.band is not None
     assert bare.band.high - bare.band.low <= 0.02 * bare.cycles + 2  # rounded up at both ends
+
+
+def test_code_on_a_bus_that_nobody_measured_has_a_note(linker: Linker) -> None:
+    for name, noted in (("stm32f407", True), ("nrf52840", False)):
+        elf = linker.link("nop.w", code=SRAM1 + 0x2000)
+        image = cycles(elf, part=name)
+        notes = document(image.call("work"), elf, (), (), (), memory=image.memory, part=image.part).notes
+        assert any("system bus" in note for note in notes) == noted

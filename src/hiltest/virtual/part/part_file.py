@@ -99,6 +99,11 @@ class Part:
         flash, ram = (_joined(memory for memory in self.memories if memory.kind == kind) for kind in ("flash", "ram"))
         return MemoryMap(flash, ram)
 
+    @property
+    def counts_system_bus(self) -> bool:
+        """Return whether it is known what code in RAM from 0x20000000 waits for the system bus."""
+        return bool({"system_fetch", "upper_single"} & self._memory_rows.keys())
+
     def timing(self, clock_hz: float | None = None) -> TimingProfile:
         """Return the timing profile at a core clock [Hz], by default the highest one.
 

@@ -159,7 +159,9 @@ def _notes(profile: CallProfile, memory: MemoryMap, part: Part | None) -> Iterat
             "code ran from flash with zero wait states, because they are not modelled: silicon takes more cycles"
             f"{counted}"
         )
-    if "sram_u" in placement and profile.memory_cycles is None:
+    if part is not None and "sram_u" in placement and not part.counts_system_bus:
+        yield "code ran from RAM at 0x20000000 or above: what it waits for the system bus is not known on this part"
+    if part is None and "sram_u" in placement and profile.memory_cycles is None:
         yield "code ran from SRAM_U, where it competes with data for the bus: silicon takes more cycles"
     if not profile.lines:
         yield "no debug information (build with -g): no source lines, and only integers and buffers can be passed"
