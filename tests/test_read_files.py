@@ -24,6 +24,8 @@ pytestmark = pytest.mark.slow
 READING = {
     "fit noise log": ("fit", "noise", "{}"),
     "baseline save run": ("baseline", "save", "{}", "new.json"),
+    "baseline review new": ("baseline", "review", "base.json", "{}"),
+    "baseline review old": ("baseline", "review", "{}", "base.json"),
     "baseline update run": ("baseline", "update", "--accept", "*", "--because", "a test", "base.json", "{}"),
     "bisect --rig": ("bisect", "v1", "v2", "--firmware", "app.elf", "--rig", "{}", "--", "make"),
     "calibrate --firmware": ("calibrate", "--firmware", "{}"),
@@ -48,6 +50,7 @@ READING = {
     "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),
     "play --firmware": ("play", "--rig", "field.toml", "--firmware", "{}"),
     "play --rig": ("play", "--rig", "{}"),
+    "profile --part": ("profile", "shipped", "crc32", "text:123456789", "9", "--part", "{}"),
     "profile --profile": ("profile", "shipped", "crc32", "text:123456789", "9", "--profile", "{}"),
     "profile elf": ("profile", "{}", "crc32"),
     "report record": ("report", "{}"),
@@ -64,6 +67,7 @@ READING = {
     "study --rig": ("study", "choose", "--rig", "{}"),
     "timing check file": ("timing", "check", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),
+    "timing show --part": ("timing", "show", "--part", "{}"),
     "timing show --profile": ("timing", "show", "--profile", "{}"),
     "profile worst --firmware": ("profile", "worst", "crc32", "uint8:9:0..255", "9", "--firmware", "{}"),
     "profile worst --replay": ("profile", "worst", "--replay", "{}"),
@@ -71,7 +75,9 @@ READING = {
 # As help calls what is a file and no click.Path.
 FILES = {"ELF", "FILE", "NAME|FILE", "FILE|COLUMN", "FILE|PORT"}
 # Files that end in this are taken for files, others for names of what ships.
-ENDS = {"fit imu --intervals": ".json", "profile --profile": ".toml", "timing show --profile": ".toml"}
+ENDS = {"fit imu --intervals": ".json"} | dict.fromkeys(
+    ("profile --part", "profile --profile", "timing show --part", "timing show --profile"), ".toml"
+)
 # What takes a thousandth of a second for a file as it should be, and a start of Python besides.
 AT_ONCE_S = 10.0
 

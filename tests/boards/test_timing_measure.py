@@ -181,7 +181,7 @@ BOTH_BEHIND_CMP = "undecided: none waits after the CMP, or one of the three wait
         ({"fetch_late_integer": 1}, {"integers_misplaced": "one in three waits", BEHIND_CMP: BOTH_BEHIND_CMP}),
         ({"fetch_late_fp": 0}, {"fp_misplaced": "none waits"}),
         ({"target_misplaced": 0}, {"loop_misplaced": "the branch to it does not wait"}),
-        ({"return_misplaced": 1}, {"calls_misplaced": "the return takes one more"}),
+        ({"return_misplaced": 1}, {"calls_misplaced": "the return takes one clock more"}),
         ({"address_use": 0}, {"computed_address": "LDR does not wait"}),
         ({"it_folded": 1}, dict.fromkeys(("compare_if_then", "if_then"), "IT takes the same time as elsewhere")),
         ({"refill_table": 2}, {"table_branch": "its refill is that of other branches"}),
