@@ -1,4 +1,4 @@
-"""What a part's memories add, in Python: the oracle of core/waits.c.
+"""Cycles that a part's memories add, in Python: the oracle of core/waits.c.
 
 A read of the flash array brings one line, and the next line is read ahead at once. What was accessed is kept in a cache
 of smaller entries. The flash has a clock of its own, so a read begins at one of its edges: a miss costs one flash
@@ -61,7 +61,7 @@ class FlashController:
 
     @property
     def is_instant(self) -> bool:
-        """Whether a read takes no longer than a fetch."""
+        """Return whether a read takes no longer than a fetch."""
         return self._synchronous and not self._clocks
 
     def reset(self) -> None:

@@ -180,7 +180,7 @@ def call_function(
         processor.delivers_faults = delivered
         processor.flush_pipeline()
     executed = None if answers is None else Slice(machine, begin, cycles, instructions, answers)
-    stack_bytes = None if booted else max((pointer - stack.lowest for stack in stacks), default=0)
+    stack_bytes = None if booted else max((pointer - used_stack.lowest for used_stack in stacks), default=0)
     return CallResult(value, cycles, instructions, clock_hz, stack_bytes=stack_bytes, executed=executed)
 
 

@@ -24,8 +24,6 @@ from hiltest.virtual.part.chip import MemoryMap, Region
 _LARGEST_FILE = 64 * 1024
 _MEGA = 1_000_000
 _Text = Annotated[str, Field(min_length=1, max_length=500)]
-
-
 _STRICT: dict[str, Any] = {"extra": "forbid"}
 
 
@@ -78,6 +76,7 @@ class Part:
     clock_hz : int
         Highest core clock [Hz].
     file : Path
+        File that describes it.
     """
 
     name: str
@@ -101,7 +100,7 @@ class Part:
 
     @property
     def counts_system_bus(self) -> bool:
-        """Return whether it is known what code in RAM from 0x20000000 waits for the system bus."""
+        """Return whether its rows price the waits of code in RAM from 0x20000000 for the system bus."""
         return bool({"system_fetch", "upper_single"} & self._memory_rows.keys())
 
     def timing(self, clock_hz: float | None = None) -> TimingProfile:
@@ -173,8 +172,8 @@ def load_part(name: str) -> Part:
         return _read_part(Path(name), shipped=False)
     versions = {full: file for full, file in shipped_parts().items() if name in (full, full.partition("/")[0])}
     if not versions:
-        known = ", ".join(sorted({full.partition("/")[0] for full in shipped_parts()}))
-        raise ConfigError(f"no part {name!r}; known: {known}; the name of your own file ends in {SUFFIX}")
+        names = ", ".join(sorted({full.partition("/")[0] for full in shipped_parts()}))
+        raise ConfigError(f"no part {name!r}; known: {names}; the name of your own file ends in {SUFFIX}")
     latest = max(versions, key=lambda full: int(full.partition("/")[2]))
     return _read_part(versions[latest], shipped=True)
 
