@@ -80,7 +80,7 @@ def test_the_firmware_s_calibrators_are_run_and_their_cycles_counted(clouds: Pat
     done = fit("good.csv", "--json", folder=clouds)
     assert (done.returncode, done.stderr) == (0, "")
     content = json.loads(done.stdout)
-    assert (content["on"], content["firmware"]["cycle_model"]) == ("virtual", "cortex-m4-trm/2@sram")
+    assert (content["on"], content["firmware"]["cycle_model"]) == ("virtual", "cortex-m4-trm/3@sram")
     assert {"direct", "iterative"} <= {each["name"] for each in content["calibrators"]}
     assert all(each["cycles"] > 0 and each["n_used"] == 400 for each in content["calibrators"])
     assert all(each["cycle_band"]["low"] < each["cycles"] for each in content["calibrators"])

@@ -20,7 +20,7 @@ from hiltest.run_record.run import (
     TestResult,
 )
 
-MODEL = "cortex-m4-trm/2@sram"
+MODEL = "cortex-m4-trm/3@sram"
 HEADING_TEST = "hil/suites/test_heading.py::test_heading"
 
 

@@ -53,7 +53,7 @@ def cycles(
     elf
         Any program for a Cortex-M4; by default the packaged firmware.
     profile
-        Timing profile; by default ``cortex-m4-trm/2``.
+        Timing profile; by default ``cortex-m4-trm/3``.
     memory
         Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default they
         follow from the ELF if it needs other ones.

@@ -80,7 +80,7 @@ def test_it_can_be_sent_in_when_its_owner_has_filled_it_in(
         (r"^divide = \d+$", "divide = -1", "clocks must be whole numbers"),
         (r"^divide = \d+\n", "", "lacks clocks of the"),
         (r"^\[measured.flash_alone\].*\n(?:\w+ = \d+\n)+", "", "[measured.flash_alone] lacks clocks"),
-        (r"^base = .*$", 'base = "cortex-m4-k64f/2"', "but these clocks require cortex-m4-trm/2"),
+        (r"^base = .*$", 'base = "cortex-m4-k64f/3"', "but these clocks require cortex-m4-trm/3"),
         (r"^build_id = .*$", 'build_id = "0000000000000000"', "flash the shipped one and measure again"),
         (CHIP, VIRTUAL_UNIQUE_ID.hex(), "is not the profile of the chip"),
         (r"^signed_off_by = .*$", 'signed_off_by = "somebody"', "must be Name <address>"),

@@ -47,9 +47,9 @@ def answers(board: VirtualBoard) -> tuple[list[list[int]], dict[str, tuple[objec
 
 
 def test_memories_add_clocks_and_leave_every_answer_alone(rig: Rig) -> None:
-    with opened(rig, "cortex-m4-trm/2") as board:
+    with opened(rig, "cortex-m4-trm/3") as board:
         points, result, clocks = answers(board)
-    with opened(rig, "cortex-m4-k64f/2") as board:
+    with opened(rig, "cortex-m4-k64f/3") as board:
         points_with_memories, found_with_memories, clocks_with_memories = answers(board)
     assert points_with_memories == points == CLOUD.tolist()
     assert found_with_memories == result
@@ -71,26 +71,26 @@ def test_a_count_of_code_in_flash_carries_what_the_memory_rows_state_and_nothing
     rig: Rig, flash_elf: Path
 ) -> None:
     bands = {}
-    for timing in ("cortex-m4-trm/2", "cortex-m4-k64f/2"):
+    for timing in ("cortex-m4-trm/3", "cortex-m4-k64f/3"):
         with opened(rig, timing, flash_elf) as board:
             assert board.cycle_model == f"{timing}@flash"
             upload_points(board, CLOUD[:20])
             cost = board.session.request(Calibrate(20, "direct")).cost
             assert cost is not None
             bands[timing] = cost.cycles, board.cycle_range(cost)
-    assert bands["cortex-m4-trm/2"][1] is None
-    cycles, band = bands["cortex-m4-k64f/2"]
+    assert bands["cortex-m4-trm/3"][1] is None
+    cycles, band = bands["cortex-m4-k64f/3"]
     assert band == CycleRange(round(0.85 * cycles), round(1.15 * cycles))
 
 
 def test_so_does_the_total_of_a_stream(rig: Rig, flash_elf: Path) -> None:
     bands = {}
-    for timing in ("cortex-m4-trm/2", "cortex-m4-k64f/2"):
+    for timing in ("cortex-m4-trm/3", "cortex-m4-k64f/3"):
         with opened(rig, timing, flash_elf) as board:
             upload_points(board, CLOUD[:20])
             run = run_streams(board, 20)["direct-stream"]
             assert run.total is not None
             bands[timing] = run.total, run.total_range
-    assert bands["cortex-m4-trm/2"][1] is None
-    total, band = bands["cortex-m4-k64f/2"]
+    assert bands["cortex-m4-trm/3"][1] is None
+    total, band = bands["cortex-m4-k64f/3"]
     assert band == CycleRange(round(0.85 * total), round(1.15 * total))

@@ -85,7 +85,7 @@ def test_a_chip_is_known_by_its_unique_id_behind_any_port(
     port = pty_board(rig).path
     with open_board(real_rig, port=port) as board:
         assert (board.identity.unique_id, board.cycle_model) == (chip, "silicon-dwt@sram")
-    wrong = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/2"))
+    wrong = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/3"))
     with pytest.raises(ConfigError, match="is a chip"):
         open_board(wrong, port=port)
 
@@ -193,9 +193,9 @@ def test_what_does_not_go_together_is_refused(real_rig: Rig, rig: Rig, tmp_path:
 def test_a_rig_declares_what_the_cycles_of_a_board_behind_a_port_are(
     pty_board: StartPtyBoard, rig: Rig, real_rig: Rig
 ) -> None:
-    served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/2"))
+    served = replace(real_rig, board=replace(real_rig.board, cycle_model="cortex-m4-trm/3"))
     with open_board(served, port=pty_board(rig).path) as board:
-        assert board.cycle_model == "cortex-m4-trm/2@sram"
+        assert board.cycle_model == "cortex-m4-trm/3@sram"
 
 
 def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:

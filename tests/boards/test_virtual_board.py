@@ -31,7 +31,7 @@ def test_the_default_board_boots_identifies_and_selects_the_rig_s_sensors(rig: R
         assert isinstance(board, VirtualBoard)
         assert board.kind is BoardKind.VIRTUAL
         assert (board.clock, board.seed) == ("virtual", rig.seed)
-        assert board.cycle_model == "cortex-m4-trm/2@sram"
+        assert board.cycle_model == "cortex-m4-trm/3@sram"
         assert {board.sensor(kind).name for kind in SensorKind} == {
             rig.sensors.magnetometer,
             rig.sensors.accelerometer,

@@ -50,7 +50,7 @@ def test_the_script_counts_the_same_cycles_both_ways(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     called, profiled = done.stdout.splitlines()
-    assert profiled.startswith(f"{called} cycles of cortex-m4-trm/2")
+    assert profiled.startswith(f"{called} cycles of cortex-m4-trm/3")
     assert int(called) > 0
 
 

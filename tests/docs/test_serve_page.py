@@ -90,4 +90,4 @@ def test_the_rig_keys_are_keys_of_a_rig(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text(rig, encoding="utf-8")
     loaded = load_rig(tmp_path / "bench.toml")
     assert (loaded.turntable.kind, loaded.turntable.port) == ("grbl", "/dev/ttyUSB0")
-    assert loaded.board.cycle_model == "cortex-m4-trm/2"
+    assert loaded.board.cycle_model == "cortex-m4-trm/3"

@@ -98,7 +98,7 @@ def test_the_command_for_owners_of_a_board_is_one_that_there_is(tmp_path: Path) 
 
 
 def test_the_candidates_of_the_page_predict_what_it_says() -> None:
-    image, profile = load_image(default_firmware()), load_profile("cortex-m4-trm/2")
+    image, profile = load_image(default_firmware()), load_profile("cortex-m4-trm/3")
     asked = questions({name: row.value for name, row in profile.rows.items()})
     clocks = {item.sequence: predicted_clocks(image, profile, item.sequence) for item in asked}
     console = Console(file=StringIO(), width=80)

@@ -330,7 +330,7 @@ def test_size(measure):
 
 def test_cost(measure):
     if "NO_COST" not in os.environ:
-        cycles, model = int(os.environ.get("CRC_CYCLES", 420)), os.environ.get("MODEL", "cortex-m4-trm/2@sram")
+        cycles, model = int(os.environ.get("CRC_CYCLES", 420)), os.environ.get("MODEL", "cortex-m4-trm/3@sram")
         measure("crc.cycles", cycles, "cycle", cycle_model=model)
 """
 

@@ -15,10 +15,10 @@ import hiltest.virtual.profiling.image  # noqa: F401
 from hiltest.boards import default_firmware
 
 HOOKS = "from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_benchmark_scale_unit\n"
-MODEL = "cortex-m4-trm/2@sram"
+MODEL = "cortex-m4-trm/3@sram"
 BOTH = """
 def test_fit(benchmark_cycles):
-    benchmark_cycles("direct", 12_345, cycle_model="cortex-m4-trm/2@sram")
+    benchmark_cycles("direct", 12_345, cycle_model="cortex-m4-trm/3@sram")
 
 def test_host(benchmark):
     benchmark.pedantic(sum, ([1, 2],), rounds=3)

@@ -86,7 +86,7 @@ def test_a_function_gets_a_limit_in_one_line_and_turns_red_when_it_gets_slower(
     assert {key: measured[key] for key in ("value", "unit", "cycle_model", "outcome")} == {
         "value": before,
         "unit": "cycle",
-        "cycle_model": "cortex-m4-trm/2@flash",
+        "cycle_model": "cortex-m4-trm/3@flash",
         "outcome": "pass",
     }
 
@@ -118,7 +118,7 @@ def test_the_firmware_under_test_needs_no_name_and_code_in_sram_says_so(pytester
     pytester.makepyfile("""
         def test_default(cycles, measure):
             found = cycles().call("magnetometer_empty", 0, 0)
-            assert measure("cycles.empty", found).cycle_model == "cortex-m4-trm/2@sram"
+            assert measure("cycles.empty", found).cycle_model == "cortex-m4-trm/3@sram"
             assert found.functions[0].name == "magnetometer_empty"
     """)
     pytester.runpytest_inprocess(f"--hil-firmware={default_firmware()}").assert_outcomes(passed=1)

@@ -100,7 +100,7 @@ def test_nothing_is_lost_and_every_step_is_counted(motion: FusionResult) -> None
     assert len(motion.time_s) == summary.records == -(-summary.updated.steps // 6)
     assert motion.time_s[-1] == pytest.approx(SECONDS + 0.3, abs=0.1)
     assert summary.predicted.largest is not None
-    assert motion.cycle_model == "cortex-m4-trm/2@sram"
+    assert motion.cycle_model == "cortex-m4-trm/3@sram"
 
 
 def test_the_truth_is_that_of_the_boards_clock(motion: FusionResult, calibrated: Board) -> None:

@@ -32,7 +32,7 @@ from hiltest.world.earth_field import EarthField
 
 pytestmark = pytest.mark.slow
 
-MODEL = "cortex-m4-trm/2"
+MODEL = "cortex-m4-trm/3"
 
 
 class Bench:

@@ -38,7 +38,7 @@ def test_the_tables_show_the_answer_the_cost_and_its_model(capsys: pytest.Captur
     assert code == 0
     assert "crc32(text:123456789, 9) = 3421780262 (0xcbf43926)" in out
     assert f"{cycles} cycles," in out
-    assert "cycle model cortex-m4-trm/2@flash" in out
+    assert "cycle model cortex-m4-trm/3@flash" in out
     assert "code ran from flash with zero wait states" in out
     assert "crc32.c:" in out
     assert " pop.w " in out
@@ -53,7 +53,7 @@ def test_json_is_of_the_shipped_schema_and_its_shares_add_up(capsys: pytest.Capt
     assert sum(share.percent for share in found.shares) == pytest.approx(100.0, abs=1e-9)  # float64 sums
     assert found.notes == (
         "code ran from flash with zero wait states, because they are not modelled: silicon takes more cycles; "
-        "the profile cortex-m4-k64f/2 counts them",
+        "the profile cortex-m4-k64f/3 counts them",
     )
     assert found.band is None
 
@@ -81,7 +81,7 @@ def test_microseconds_are_of_the_clock_that_was_named(
 def test_waits_for_flash_are_said_to_be_of_the_timing_profile_at_another_clock(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    counted = (*CRC, "--profile", "cortex-m4-k64f/2")
+    counted = (*CRC, "--profile", "cortex-m4-k64f/3")
     usual, slower = document(capsys, *counted), document(capsys, *counted, "--clock", "48MHz")
     assert slower.cycles == usual.cycles
     (note,) = set(slower.notes) - set(usual.notes)
@@ -90,7 +90,7 @@ def test_waits_for_flash_are_said_to_be_of_the_timing_profile_at_another_clock(
 
 def test_code_in_sram_carries_its_placement_and_no_note(capsys: pytest.CaptureFixture[str]) -> None:
     found = document(capsys, "shipped", "magnetometer_empty", "0", "0")
-    assert (found.cycle_model, found.notes, found.returned) == ("cortex-m4-trm/2@sram", (), None)
+    assert (found.cycle_model, found.notes, found.returned) == ("cortex-m4-trm/3@sram", (), None)
 
 
 def test_what_a_function_left_in_a_buffer_is_shown_and_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:

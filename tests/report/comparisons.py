@@ -7,7 +7,7 @@ from dataclasses import replace
 from hiltest.measurement import EXACT, Better, Limit, Tolerance
 from hiltest.run_record.comparison import Change, Comparison, Difference, Side
 
-MODEL = "cortex-m4-trm/2@sram"
+MODEL = "cortex-m4-trm/3@sram"
 BASE = Side(
     file="hil/baselines/virtual-k64f.json",
     sha256="ef" * 32,

@@ -11,7 +11,7 @@ import pytest
 from hiltest.measurement import Limit, Measurement, check
 from hiltest.report.exports import bencher_metrics, exported, github_action_entries
 
-MODEL = "cortex-m4-trm/2@sram"
+MODEL = "cortex-m4-trm/3@sram"
 
 
 def one(*measurements: Measurement) -> Mapping[int | None, Mapping[str, Measurement]]:

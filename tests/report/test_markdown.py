@@ -52,7 +52,7 @@ def test_what_changed_is_shown_worst_first_with_limit_and_tolerance(run: Run) ->
 
 def test_what_did_not_change_is_counted_and_folded(run: Run) -> None:
     page = markdown_report(run)
-    counts = "1 worse, 1 gone, 1 better, 1 new, 1 changed, 1 unchanged; cycles counted by cortex-m4-trm/2@sram."
+    counts = "1 worse, 1 gone, 1 better, 1 new, 1 changed, 1 unchanged; cycles counted by cortex-m4-trm/3@sram."
     assert counts in unfolded(page)
     assert "fit.direct.residual" not in unfolded(page)
     assert "fit.direct.residual" in page
@@ -124,7 +124,7 @@ def test_a_renderer_makes_text_of_hostile_texts_and_as_many_cells_in_every_row(r
         ("https://evil.example", "https:<!-- -->//evil.example"),
         ("www.evil.example", "w<!-- -->ww.evil.example"),
         ("ask @team", "ask @<!-- -->team"),
-        ("cortex-m4-trm/2@sram", "cortex-m4-trm/2@sram"),
+        ("cortex-m4-trm/3@sram", "cortex-m4-trm/3@sram"),
         ("$\\frac12$", "\\$\\\\frac12\\$"),
         ("![x](y)", "!\\[x\\](y)"),
         ("a\u202eb\x1b[31m", "a⟨U+202E⟩b⟨U+001B⟩\\[31m"),

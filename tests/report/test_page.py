@@ -103,7 +103,7 @@ def test_cycles_with_and_without_the_waits_of_memories_are_two_columns_that_say_
     direct, iterative = ([cell.text for cell in row.cells] for row in table.rows[:2])
     place = table.headings.index("cycles as it runs from flash")
     assert (direct[place], iterative[place]) == ("12 345", "")
-    assert "cycles by cortex-m4-trm/2@sram, from flash by m@flash" in text_of(html_report(run))
+    assert "cycles by cortex-m4-trm/3@sram, from flash by m@flash" in text_of(html_report(run))
     answer = summary(run, Path("out"), verbose=False, width=100, colour=False)
     assert "(ranked)" in answer
     assert "from flash" in answer

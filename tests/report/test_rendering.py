@@ -89,7 +89,7 @@ def test_the_page_holds_every_measurement_with_value_and_limit(run: Run) -> None
         assert measurement.name in text
     assert "heading.direct.max 0.97 deg at most 1.8 pass" in text
     assert "cycles.direct.total 12 400 cycle" in text
-    assert "cortex-m4-trm/2@sram" in text
+    assert "cortex-m4-trm/3@sram" in text
 
 
 def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:

@@ -9,7 +9,7 @@ from hiltest.report.trend.series import RunEntry
 from hiltest.run_record.comparison import Side
 from hiltest.verdict.evidence import Conditions, Evidence
 
-MODEL = "cortex-m4-trm/2@sram"
+MODEL = "cortex-m4-trm/3@sram"
 
 
 def entry(

@@ -36,7 +36,7 @@ def test_the_table_the_steps_and_the_sentence_are_printed_and_the_page_is_writte
     assert done.returncode == 0, done.stderr
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "cycles.direct.total 3 11 061 11 161 11 061 11 161 cycle at most 12 500 1, last in run 3" in lines
-    assert "cycles counted by cortex-m4-trm/2@sram" in lines
+    assert "cycles counted by cortex-m4-trm/3@sram" in lines
     assert "1 more without limit and change point (--all shows them)" in lines
     assert (
         "run 3, 2026-01-03T00:00:00Z: worse: cycles.direct.total "
@@ -56,8 +56,8 @@ def test_cycles_of_several_models_are_told_apart_in_the_table(tmp_path: Path, wr
     done = trend(tmp_path)
     words = " ".join(done.stdout.split())
     assert "cycle counted by m@flash at most 200" in words
-    assert "cycle counted by cortex-m4-trm/2@sram at most 12 500" in words
-    assert "cycles counted by cortex-m4-trm/2@sram and m@flash" in done.stdout.splitlines()
+    assert "cycle counted by cortex-m4-trm/3@sram at most 12 500" in words
+    assert "cycles counted by cortex-m4-trm/3@sram and m@flash" in done.stdout.splitlines()
 
 
 def test_json_is_all_that_is_printed_and_holds_the_steps(runs: Path) -> None:

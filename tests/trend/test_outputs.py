@@ -74,7 +74,7 @@ def test_every_measurement_is_drawn_and_told_in_words() -> None:
     assert "From 11 061 in run 1 to 11 161 cycle in run 7, limit at most 12 500. Change points: run 4 worse." in page
     assert "No change point." in page
     page = page.replace("\xa0", " ")
-    assert '<p class="soft">Cycles counted by cortex-m4-trm/2@sram.</p>' in page
+    assert '<p class="soft">Cycles counted by cortex-m4-trm/3@sram.</p>' in page
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
     assert captions == [
         "cycles.direct.total [cycle], limit at most 12 500",
@@ -102,7 +102,7 @@ def test_lines_of_other_conditions_are_not_joined() -> None:
     assert 'class="series-1"' in svg
     assert "2 conditions that are not comparable" in svg
     key = re.findall(r"</svg>([^<]*)</li>", trend_page(trend, []))
-    assert key == ["cortex-m4-trm/2@sram", "b"], "what tells one line from the other, and no change point"
+    assert key == ["cortex-m4-trm/3@sram", "b"], "what tells one line from the other, and no change point"
 
 
 def test_a_limit_far_away_does_not_press_the_values_flat() -> None:

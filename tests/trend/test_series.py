@@ -53,7 +53,7 @@ def test_a_fact_that_changed_is_neither_better_nor_worse() -> None:
     "other", [{"model": "cortex-m4-trm/1@sram"}, {"rig": "bb"}, {"poses": "level"}, {"seeds": {2: (cycles(11_961),)}}]
 )
 def test_other_conditions_are_a_line_of_their_own_and_never_compared(other: Mapping[str, object]) -> None:
-    model = str(other.get("model", "cortex-m4-trm/2@sram"))
+    model = str(other.get("model", "cortex-m4-trm/3@sram"))
     target = {"seeds": other["seeds"]} if "seeds" in other else {}
     trend = trend_of(
         [

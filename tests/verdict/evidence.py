@@ -8,7 +8,7 @@ from hiltest.measurement import Limit, Measurement, Outcome, Tolerance
 from hiltest.run_record.comparison import Side
 from hiltest.verdict.evidence import Conditions, Evidence
 
-MODEL = "cortex-m4-trm/2@sram"
+MODEL = "cortex-m4-trm/3@sram"
 CONDITIONS = Conditions(
     board="virtual",
     rig_sha256="ab" * 32,

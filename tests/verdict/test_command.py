@@ -38,7 +38,7 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
         done.stdout,
         re.M,
     )
-    assert "cycles counted by cortex-m4-trm/2@sram" in done.stdout.splitlines()
+    assert "cycles counted by cortex-m4-trm/3@sram" in done.stdout.splitlines()
     done = hiltest("compare", changed("base"), changed("new", values={"heading.direct.max": 1.0}))
     assert "counted by" not in done.stdout, "no cycles are shown"
 

@@ -61,7 +61,7 @@ def test_two_runs_alike_have_no_obstacle(changed: Changed) -> None:
         ({"board.compiler": "arm-none-eabi-gcc 13.2.1"}, "another compiler: arm-none-eabi-gcc 12"),
         ({"board.compiler_flags": "-O3 -g"}, "other compiler flags: "),
         ({"board.compiler_flags": ""}, "the compiler flags are unknown"),
-        ({"board.cycle_model": "silicon-dwt"}, "another cycle model: cortex-m4-trm/2@sram before, silicon-dwt now"),
+        ({"board.cycle_model": "silicon-dwt"}, "another cycle model: cortex-m4-trm/3@sram before, silicon-dwt now"),
         ({"poses": "level"}, "other poses: 'all' before, 'level' now; run with --poses all"),
         ({"seed": 7}, "no seed in common: seed 1 before, seed 7 now"),
         ({"verdict.complete": False, "verdict.outcome": "interrupted"}, "the run is incomplete (interrupted)"),

@@ -98,7 +98,8 @@ class Rules:
 
     def __init__(self, value: Mapping[str, int]) -> None:
         self._address_use = value.get("address_use", 0), value.get("address_use_fp", 0)
-        self._begins_by_access = "fetch_late_access" in value
+        self._begins_by_access = bool(value.get("fetch_late_access", 0))
+        self._unbroken = bool(value.get("fetch_late_unbroken", 0))
         self._folds = "it_folded" in value
         rows = ("", "fetch_late", "fetch_late_fp", "fetch_late_integer", "fetch_late_access")
         self._late = tuple(value.get(row, 0) for row in rows)
@@ -150,7 +151,7 @@ class Rules:
         late, misplaced = state.late, state.misplaced + 1
         if not instruction.misplaced or misplaced >= self._on_end:
             late = Late.NOTHING
-        if cycles >= 2 and not (late and self._begins_by_access):
+        if cycles >= 2 and not (late and self._unbroken):
             return Late.SLOW, 0
         if not late and self._begins_by_access and instruction.row in _ACCESSES:
             return Late.ACCESS, 0

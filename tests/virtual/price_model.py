@@ -42,6 +42,7 @@ RULE_ROWS = frozenset(
         "fetch_late_fp",
         "fetch_late_integer",
         "fetch_late_access",
+        "fetch_late_unbroken",
     }
 )
 _OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}

@@ -126,7 +126,7 @@ out:
 """
 
 
-@pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/2"])
+@pytest.mark.parametrize("profile", ["cortex-m4-trm/1", "cortex-m4-trm/3"])
 def test_what_an_it_block_skips_is_not_executed(build: Build, profile: str) -> None:
     elf = build(SKIPS)
     board, watch = watched(elf, profile=profile)

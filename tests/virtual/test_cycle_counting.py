@@ -16,7 +16,7 @@ from .conftest import SHIPPED, Build
 from .oracle import acted, called
 from .test_faults import HEAD, TAIL
 
-ONE, TWO = "cortex-m4-trm/1", "cortex-m4-trm/2"
+ONE, TWO = "cortex-m4-trm/1", "cortex-m4-trm/3"
 KERNELS = ("magnetometer_direct", "magnetometer_iterative", "magnetometer_empty")
 POINTS_ADDRESS = 0x20020000
 

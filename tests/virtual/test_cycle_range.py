@@ -230,5 +230,5 @@ def test_a_call_that_polls_a_device_for_long_is_not_executed_again(build: Build)
 
 def test_a_count_of_code_in_flash_at_no_wait_states_has_no_band(build: Build) -> None:
     called = profile_call(VirtualK64F(build(random_program(5, length=60))), "work")
-    assert called.cycle_model == "cortex-m4-trm/2@flash"
+    assert called.cycle_model == "cortex-m4-trm/3@flash"
     assert called.band is None

@@ -126,7 +126,7 @@ def test_the_registers_switch_what_calls_wait_for() -> None:
         board.bus.write(FMC + PFB0CR, 4, control | S_B_INV | CINV_WAYS)
         return board.call("crc32", 5 * b"123456789", 45).cycles
 
-    board = VirtualK64F(SHIPPED, profile="cortex-m4-k64f/2")
+    board = VirtualK64F(SHIPPED, profile="cortex-m4-k64f/3")
     switches = (EVERYTHING, ICE | DCE, SEBE, 0, EVERYTHING)
     fast, cached, buffered, slow, again = (crc32_cycles(control) for control in switches)
     assert fast < cached < buffered < slow

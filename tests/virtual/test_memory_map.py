@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,7 +80,11 @@ def linked(tmp_path, require_tool):
 def test_a_function_answers_and_counts_as_on_the_k64f_wherever_it_is_linked(linked, part):
     home = board_for(linked(*PARTS["K64F"])).call("dot", np.array([1, 2, 3, 4], np.int16), 4)
     away = board_for(linked(*PARTS[part]))
-    assert away.call("dot", np.array([1, 2, 3, 4], np.int16), 4) == home
+    result = away.call("dot", np.array([1, 2, 3, 4], np.int16), 4)
+    # A load of data behind one of a constant takes a cycle more, unless both are on the same side of the buses.
+    code, data = PARTS[part]
+    is_one_bus = (code < 0x20000000) == (data < 0x20000000)
+    assert replace(result, cycles=result.cycles + 4 * is_one_bus) == home
     assert home.value == 2 + 60 + 600 + 12000
     assert isinstance(away, VirtualK64F) == (part == "K64F")
     assert (away.memory == MK64FN1M0) == (part == "K64F")
@@ -137,10 +142,10 @@ def test_the_same_cycles_are_counted_by_the_profiler_which_names_the_memory(link
     elf = linked(*PARTS["STM32F4"])
     image = hiltest.cycles(elf)
     counted = image.call("dot", np.array([1, 2], np.int16), 2)
-    assert counted.cycle_model == "cortex-m4-trm/2@flash"
+    assert counted.cycle_model == "cortex-m4-trm/3@flash"
     assert counted.cycles == board_for(elf).call("dot", np.array([1, 2], np.int16), 2).cycles
-    with pytest.raises(ConfigError, match="cortex-m4-k64f/2 prices the K64F's memories"):
-        hiltest.cycles(elf, profile="cortex-m4-k64f/2")
+    with pytest.raises(ConfigError, match="cortex-m4-k64f/3 prices the K64F's memories"):
+        hiltest.cycles(elf, profile="cortex-m4-k64f/3")
 
 
 def test_the_guess_covers_what_is_loaded_and_leaves_room_for_arguments(linked):

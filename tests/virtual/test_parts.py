@@ -211,12 +211,12 @@ def test_less_stack_than_in_an_earlier_call_is_stated() -> None:
 
 
 DIGESTS = {
-    "generic-m4/1": "56a29e074b21d8e7",
-    "mk64f12/1": "b37f274f24ef0ac1",
-    "nrf52840/1": "78ee0d6e2f13a0f9",
-    "stm32f407/1": "2cfb485281c5daff",
-    "stm32g4/1": "cd5ba781cd862cb7",
-    "stm32l4r5/1": "c4b6025376caf59c",
+    "generic-m4/1": "86be6a19a39fc5a3",
+    "mk64f12/1": "5fb579178c51b1cf",
+    "nrf52840/1": "cafc99b742147595",
+    "stm32f407/1": "198908d40860d1d6",
+    "stm32g4/1": "7428b9c2dbe76c37",
+    "stm32l4r5/1": "704bbc7b29639790",
 }
 
 

@@ -70,7 +70,7 @@ def test_the_tables_of_every_kernel_add_up_to_what_the_board_counts(kernel: str,
     argument = Structure(Address(points), np.array([n], np.uint16), limits)
     profile = profiled(SHIPPED, kernel, argument, bytearray(64))
     assert_adds_up(profile, SHIPPED, kernel, argument, bytearray(64))
-    assert profile.cycle_model == "cortex-m4-trm/2@sram"
+    assert profile.cycle_model == "cortex-m4-trm/3@sram"
     assert profile.asleep_cycles == 0
 
 
@@ -123,7 +123,7 @@ def test_each_kind_of_work_and_each_stall_is_what_the_table_of_prices_says(build
         Stall.FETCH: 0,
     }
     assert profile.cycles == 36
-    assert profile.cycle_model == "cortex-m4-trm/2@flash"
+    assert profile.cycle_model == "cortex-m4-trm/3@flash"
     assert_adds_up(profile, elf, "work")
 
 

@@ -92,7 +92,7 @@ def test_a_word_that_is_none_is_refused(build_c: Build) -> None:
 
 @pytest.mark.parametrize("end", [ZERO, CHANGED])
 def test_a_solution_takes_as_long_once_more_and_waits_as_it_does_from_flash(build_c: Build, end: SolutionEnd) -> None:
-    elf, functions, profile = build_c(LONG_LOOP, "-O2"), ["begin_slice", "fit_slice"], load_profile("cortex-m4-k64f/2")
+    elf, functions, profile = build_c(LONG_LOOP, "-O2"), ["begin_slice", "fit_slice"], load_profile("cortex-m4-k64f/3")
     board, slow = VirtualK64F(elf), VirtualK64F(elf, profile=profile)
     watch, waited = board.watch_solutions(functions, end), slow.watch_solutions(functions, end)
     for item, seconds in ((board, 0.005), (slow, 0.008)):
@@ -115,7 +115,7 @@ def test_something_else_may_change_the_data_between_the_slices_of_a_solution(bui
     board.run_until(0.002)
     stored = watch.latest()
     assert stored is not None
-    again = count_with_waits(board, stored, load_profile("cortex-m4-k64f/2"))
+    again = count_with_waits(board, stored, load_profile("cortex-m4-k64f/3"))
     assert again.cycles - again.waits == stored.cycles
 
 
@@ -132,7 +132,7 @@ def test_a_slice_that_depends_on_a_device_is_not_counted_again(build_c: Build) -
     stored = watch.latest()
     assert stored is not None
     with pytest.raises(ConfigError, match=r"fit_slice: slice \d of 5 takes .* external state"):
-        count_with_waits(board, stored, load_profile("cortex-m4-k64f/2"))
+        count_with_waits(board, stored, load_profile("cortex-m4-k64f/3"))
 
 
 def test_no_solution_is_kept_before_one_is_complete(build_c: Build) -> None:

@@ -30,7 +30,7 @@ def test_a_loop_ends_at_the_same_cycle_with_the_same_state(build: Build, loop: s
     assert_same_both_ways(elf, 0.004, sendings)
 
 
-@pytest.mark.parametrize("profile", ["cortex-m4-trm/2", "cortex-m4-k64f/2"])
+@pytest.mark.parametrize("profile", ["cortex-m4-trm/3", "cortex-m4-k64f/3"])
 @pytest.mark.parametrize("seeds", [range(12), pytest.param(range(12, 40), marks=pytest.mark.ci)], ids=["few", "many"])
 def test_random_loops_run_the_same(build: Build, seeds: range, profile: str) -> None:
     for seed in seeds:
@@ -49,7 +49,7 @@ loop:
     str r0, [r11, #0x10C]
 """
     elf = build(HEAD.format(timer=50_000, reload=0xFFFFFF, control=5) + "again:\n" + loop + TAIL)
-    assert_same_both_ways(elf, 0.02, profile="cortex-m4-trm/2")
+    assert_same_both_ways(elf, 0.02, profile="cortex-m4-trm/3")
 
 
 def test_turns_that_skip_something_else_are_told_apart(build: Build) -> None:
@@ -69,7 +69,7 @@ loop:
     str r0, [r10, #4]
 """
     elf = build(HEAD.format(timer=1234, reload=0xFFFFFF, control=5) + "again:\n" + loop + TAIL)
-    assert_same_both_ways(elf, 0.02, profile="cortex-m4-trm/2")
+    assert_same_both_ways(elf, 0.02, profile="cortex-m4-trm/3")
 
 
 def test_a_sensor_is_polled_and_printed_the_same(build: Build) -> None:
@@ -95,7 +95,7 @@ def test_the_shipped_firmware_runs_the_same() -> None:
         "wait_for_interrupt",
     ],
 )
-@pytest.mark.parametrize("profile", ["cortex-m4-trm/2", "cortex-m4-k64f/2"])
+@pytest.mark.parametrize("profile", ["cortex-m4-trm/3", "cortex-m4-k64f/3"])
 def test_most_of_a_wait_is_not_executed(build: Build, loop: str, profile: str) -> None:
     board = VirtualK64F(build(WAITS, "-O2", f"-DLOOP={loop}"), profile=profile)
     board.report_waits(lambda _unmodelled: None)

@@ -137,12 +137,12 @@ def test_a_replay_takes_the_same_cycles_and_says_when_the_build_is_another(
     capsys.readouterr()
     assert run("profile", "worst", "--replay", "worst.json", "--firmware", str(elf)) == 0
     told = capsys.readouterr().out
-    assert told == f"set_bits(255): {cycles} cycles (cortex-m4-trm/2@flash), the saved count\n"
+    assert told == f"set_bits(255): {cycles} cycles (cortex-m4-trm/3@flash), the saved count\n"
     other = build("other.elf", "-O0")
     assert run("profile", "worst", "--replay", "worst.json", "--firmware", str(other)) == 0
     told = capsys.readouterr().out
     assert told.startswith(f"set_bits(255): {cycles_of(other, 'set_bits', 255)} cycles")
-    assert f"; saved were {cycles} (cortex-m4-trm/2@flash) of another build, program.elf" in told
+    assert f"; saved were {cycles} (cortex-m4-trm/3@flash) of another build, program.elf" in told
 
 
 def test_other_cycles_of_the_same_build_are_an_error(elf: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,7 +171,7 @@ def test_a_point_set_of_a_calibrator_is_found_and_replays(
     assert 9 <= len(case.points) <= 40
     capsys.readouterr()
     assert run("profile", "worst", "--replay", "hil-out/worst-iterative.json") == 0
-    assert capsys.readouterr().out.endswith(" cycles (cortex-m4-trm/2@sram), the saved count\n")
+    assert capsys.readouterr().out.endswith(" cycles (cortex-m4-trm/3@sram), the saved count\n")
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 /**
  * @file instruction_sequences.c
  * @brief The sequences: r1 and r2 point into a buffer whose first word is its own address, r3 is 1, r4 is 0, r6 is 2^31 - 1, r7 the
- * address of the cycle counter, and the flags say "equal".
+ * address of the cycle counter, r8 that of a word in flash, and the flags say "equal".
  *
  * Each is run whole, and entered in its middle. Both runs have the same way in, a branch to a place that stands alike in the lines
  * of the memory, and the same end, so that their difference is what the first half adds: nothing of what a run costs at its edges.
@@ -18,9 +18,6 @@
 #include "boards/cycle_counter.h"
 #include "calibration/fast_code.h"
 #include "registers.h"
-
-/** Returns what it has counted itself, where it does. From the middle: 0 or 1. */
-typedef uint32_t (*sequence_t)(uint32_t *buffer, uint32_t from_middle);
 
 #define TIMES(count, instructions) "\t.rept " #count "\n\t" instructions "\n\t.endr\n"
 
@@ -106,22 +103,47 @@ typedef uint32_t (*sequence_t)(uint32_t *buffer, uint32_t from_middle);
     EACH(wide_compare_if_then, TIMES(8, "cmp.w r4, #0\n\tit eq\n\tmoveq r0, r3"))                                                 \
     EACH(loads_one_off, TIMES(8, "ldr.w r0, [r1, #1]\n\teor.w r5, r3, r4"))                                                       \
     EACH(loads_two_off, TIMES(8, "ldr.w r0, [r1, #2]\n\teor.w r5, r3, r4"))                                                       \
-    EACH(loads_three_off, TIMES(8, "ldr.w r0, [r1, #3]\n\teor.w r5, r3, r4"))
+    EACH(loads_three_off, TIMES(8, "ldr.w r0, [r1, #3]\n\teor.w r5, r3, r4"))                                                     \
+    EACH(loads_of_one_base, TIMES(8, "ldr r0, [r1], #4\n\tldr r5, [r1], #-4"))                                                   \
+    EACH(loads_of_two_bases,                                                                                                      \
+         TIMES(4, "ldr r0, [r1], #4\n\tldr r5, [r2], #4\n\tldr r0, [r1], #-4\n\tldr r5, [r2], #-4"))                            \
+    EACH(loads_of_two_memories, TIMES(8, "ldr.w r0, [r1]\n\tldr.w r5, [r8]"))                                                    \
+    EACH(multiple_behind_store, TIMES(8, "nop\n\tstr r0, [r2, #4]\n\tldm r1, {r0, r5}"))                                        \
+    EACH(fp_computed_address, TIMES(4, "vmov s0, r1\n\tvmov r5, s0\n\tldr.w r0, [r5]\n\tnop.w"))                               \
+    EACH(loads_and_three,                                                                                                         \
+         TIMES(4, "ldr r0, [r1]\n\tldr r5, [r1]\n\tldr r0, [r1]\n\t.rept 3\n\teor.w r5, r3, r4\n\t.endr\n\tnop\n" TO_WORDS))   \
+    EACH(two_loads_and_three, TIMES(4, "nop\n\tldr.w r0, [r1]\n\teor.w r5, r3, r4\n\tldr.w r0, [r1]\n\teor.w r5, r3, r4\n"    \
+                                       "\teor.w r5, r3, r4\n\tnop\n\tnop.w\n\tnop.w"))
 
-/* 7 is where the body begins, 9 its middle: the line behind the way in, which flash reads ahead, is neither's. What a BL goes to, 8,
- * is not right before either. The NOP is no load, store or branch behind any body. */
+/* The entry sets the registers and branches into a sequence. */
+__asm__("\t.pushsection .fast_code.sequences, \"ax\", %progbits\n"
+        "\t.balign 16\n\t.thumb_func\n\t.global sequence_enter\n\t.type sequence_enter, %function\n"
+        "sequence_enter:\n"
+        "\tpush {r4-r12, lr}\n"
+        "\tmov r12, r1\n\tmov r1, r0\n\tadd r2, r0, #64\n\tmov r3, #1\n\tmov r4, #0\n\tmvn r6, #0x80000000\n"
+        "\tldrd r7, r8, [r1, #4]\n\tmov r0, #0\n\tcmp r4, #0\n\tbx r12\n"
+        "\t.size sequence_enter, . - sequence_enter\n\t.popsection\n");
+
+/**
+ * Run a sequence from its begin or its middle. Returns what it has counted itself, where it does.
+ *
+ * @param buffer 128 bytes: its own address, those of the cycle counter and of a word in flash, and zeros
+ * @param place address, with bit 0 set as in a pointer to a function
+ */
+extern uint32_t sequence_enter(uint32_t *buffer, uintptr_t place);
+
+/* 7 is where the body begins, 9 its middle; the word before the body has the size of its half. The line of this word, which a
+ * callee before it would read ahead of the body, is empty otherwise: what a BL goes to, 8, is in the line before. The NOP is no
+ * load, store or branch behind any body. */
 #define FRAMED(name, place, section, half)                                                                                        \
     __asm__("\t.pushsection " section ", \"ax\", %progbits\n"                                                                     \
             "\t.balign 16\n8:\tbx lr\n"                                                                                           \
-            "\t.balign 16\n\t.thumb_func\n\t.type sequence_" #name "_" #place ", %function\n"                                     \
+            "\t.balign 16\n\t.skip 12\n\t.word 9f - 7f\n"                                                                         \
+            "\t.thumb_func\n\t.type sequence_" #name "_" #place ", %function\n"                                                  \
             "sequence_" #name "_" #place ":\n"                                                                                    \
-            "\tpush {r4-r12, lr}\n"                                                                                               \
-            "\tadr r12, 7f + 1\n\tadr r2, 9f + 1\n\tsub r2, r2, r12\n\tmla r12, r2, r1, r12\n"                                    \
-            "\tmov r1, r0\n\tadd r2, r0, #64\n\tmov r3, #1\n\tmov r4, #0\n\tmvn r6, #0x80000000\n\tldr r7, [r1, #4]\n"            \
-            "\tmov r0, #0\n\tcmp r4, #0\n\tbx r12\n"                                                                              \
-            "\t.balign 16\n\t.skip 16\n7:\n" half "9:\n" half "\tvadd.f32 s8, s9, s10\n\tnop\n\tpop {r4-r12, pc}\n"               \
+            "7:\n" half "9:\n" half "\tvadd.f32 s8, s9, s10\n\tnop\n\tpop {r4-r12, pc}\n"                                        \
             "\t.size sequence_" #name "_" #place ", . - sequence_" #name "_" #place "\n\t.popsection\n");                         \
-    extern uint32_t sequence_##name##_##place(uint32_t *buffer, uint32_t from_middle);
+    extern const char sequence_##name##_##place[];
 
 #define IN_SRAM(name, body) FRAMED(name, sram, ".fast_code.sequences", body)
 #define IN_FLASH(name, body) FRAMED(name, flash, ".text.sequences", body)
@@ -135,8 +157,8 @@ OF_RULES(IN_FLASH)
 #define BOTH(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, false},
 #define BOTH_FROM_WITHIN(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, true},
 typedef struct {
-    sequence_t in[2]; /* SRAM, flash */
-    bool from_within; /* it counts its clocks itself */
+    const char *in[2]; /* SRAM, flash */
+    bool from_within;  /* it counts its clocks itself */
 } timed_sequence_t;
 static const timed_sequence_t sequences[] = {SEQUENCES(BOTH) TIMED_FROM_WITHIN(BOTH_FROM_WITHIN) OF_RULES(BOTH)};
 
@@ -182,8 +204,7 @@ FAST_CODE static void interrupts_enable(const uint32_t enabled[NVIC_WORDS])
 }
 
 /** In SRAM: the controller of the flash must not be switched by code that it is just fetching. */
-FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_sequence_t *timed, sequence_t sequence, uint32_t off,
-                                                                   uint32_t from_middle)
+FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_sequence_t *timed, uintptr_t place, uint32_t off)
 {
     uint32_t enabled[NVIC_WORDS];
     interrupts_disable(enabled);
@@ -194,7 +215,7 @@ FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_s
     FMC_PFB1CR = flash_bank_1 & ~off; /* bank 0's invalidates both */
     exceptions_are_timed = timed->from_within;
     const uint32_t before = cycle_counter_read();
-    const uint32_t itself = sequence(buffer, from_middle);
+    const uint32_t itself = sequence_enter(buffer, place);
     const uint32_t after = cycle_counter_read();
     exceptions_are_timed = false;
     FMC_PFB0CR = flash_bank_0;
@@ -211,10 +232,13 @@ static uint32_t prepare_and_count(uint8_t sequence, sequence_place_t place, uint
         [SEQUENCE_IN_FLASH_WITHOUT_PREFETCH] = FMC_PFB_PREFETCH,
     };
     const timed_sequence_t *timed = &sequences[sequence];
+    const uintptr_t begin = (uintptr_t)timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1] & ~(uintptr_t)1u;
+    const uint32_t half_bytes = *(const volatile uint32_t *)(begin - sizeof half_bytes);
     buffer[0] = (uint32_t)(uintptr_t)buffer;
     buffer[1] = (uint32_t)(uintptr_t)&DWT_CYCCNT;
+    buffer[2] = (uint32_t)(uintptr_t)switched_off;
     buffer[16] = 0u; /* the table of TBB, to the next instruction: beside the code it would meet a fetch in the same memory */
-    return count_sequence(timed, timed->in[place == SEQUENCE_IN_SRAM ? 0 : 1], switched_off[place], from_middle);
+    return count_sequence(timed, begin + from_middle * half_bytes + 1u, switched_off[place]);
 }
 
 uint32_t sequence_cycles(uint8_t sequence, sequence_place_t place)

@@ -77,7 +77,7 @@ def refuse_option(context: click.Context, _parameter: click.Parameter, text: str
     "--profile",
     "timing",
     metavar="NAME|FILE",
-    help="Count cycles by this timing profile, a name or a file.  [default: cortex-m4-trm/2]",
+    help="Count cycles by this timing profile, a name or a file.  [default: cortex-m4-trm/3]",
 )
 @click.option(
     "--memory",

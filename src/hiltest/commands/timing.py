@@ -88,7 +88,7 @@ def timing() -> None:
     "--profile",
     "named",
     metavar="NAME|FILE",
-    help="Show this timing profile, a name or a file (.toml).  [default: cortex-m4-trm/2]",
+    help="Show this timing profile, a name or a file (.toml).  [default: cortex-m4-trm/3]",
 )
 @click.option(
     "--part", metavar="NAME|FILE", help="Show the timing of this chip, or of a part file, at its highest clock."

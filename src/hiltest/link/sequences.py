@@ -78,6 +78,13 @@ SEQUENCES = (
     "loads_one_off",
     "loads_two_off",
     "loads_three_off",
+    "loads_of_one_base",
+    "loads_of_two_bases",
+    "loads_of_two_memories",
+    "multiple_behind_store",
+    "fp_computed_address",
+    "loads_and_three",
+    "two_loads_and_three",
 )
 
 

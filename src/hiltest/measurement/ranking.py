@@ -16,7 +16,7 @@ model is more accurate than that; silicon itself varies by as much from one link
 
 
 def runs_from_flash(cycle_model: str) -> bool:
-    """Return whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/2@flash``."""
+    """Return whether a cycle model counts code that runs from flash: ``cortex-m4-k64f/3@flash``."""
     return "flash" in cycle_model.partition("@")[2]
 
 
@@ -25,7 +25,7 @@ def waits_for_flash(cycle_model: str) -> bool:
 
     Code in flash without wait states does not depend on where the linker has put it.
 
-    >>> [waits_for_flash(f"{model}@flash") for model in ("stm32f407/1-0ws", "stm32f407/1-5ws", "cortex-m4-k64f/2")]
+    >>> [waits_for_flash(f"{model}@flash") for model in ("stm32f407/1-0ws", "stm32f407/1-5ws", "cortex-m4-k64f/3")]
     [False, True, True]
     """
     model = cycle_model.partition("@")[0]

@@ -76,7 +76,7 @@ class BoardPlace:
         require(
             self.cycle_model is None or re.fullmatch(r"[a-z0-9/.+-]+", self.cycle_model) is not None,
             "cycle_model",
-            'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/2"',
+            'is "silicon-dwt", or the name of a timing profile such as "cortex-m4-trm/3"',
         )
 
 

@@ -213,7 +213,7 @@ class Cycles:
             Any program for a Cortex-M4, relative to pytest's root folder; by default the firmware
             under test: that of ``--hil-firmware``, or the packaged one.
         profile
-            Timing profile; by default ``cortex-m4-trm/2``.
+            Timing profile; by default ``cortex-m4-trm/3``.
         memory
             Memories of another part, as for `hiltest.cycles`.
         part

@@ -169,8 +169,8 @@ def counted_by(models: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> counted_by(["silicon-dwt", "", "cortex-m4-trm/2@sram", "silicon-dwt"])
-    'cycles counted by cortex-m4-trm/2@sram and silicon-dwt'
+    >>> counted_by(["silicon-dwt", "", "cortex-m4-trm/3@sram", "silicon-dwt"])
+    'cycles counted by cortex-m4-trm/3@sram and silicon-dwt'
     """
     names = model_names(models)
     return f"cycles counted by {names}" if names else ""

@@ -21,7 +21,7 @@ RAM, RAM_BYTES = 0x20000000, 0x21000
 CODE, CODE_BYTES = RAM + 0x4000, 0x1000  # where stores of the code itself reach it
 PAGE = 4096
 DEVICE = 0x40000000
-PROFILE = load_profile("cortex-m4-trm/2")
+PROFILE = load_profile("cortex-m4-trm/3")
 # What a program may see of the core.
 FIELDS = (
     "cycles",

@@ -15,7 +15,7 @@ from hiltest.virtual.model.profile_file import MEMORY_ROWS, MEMORY_RULES, load_p
 from .inner_library import inner_library
 from .memory_model import Memories, Role
 
-PROFILES = ("cortex-m4-k64f/1", "cortex-m4-k64f/2")
+PROFILES = ("cortex-m4-k64f/1", "cortex-m4-k64f/2", "cortex-m4-k64f/3")
 OFF = dict.fromkeys(("keeps_line", "reads_ahead_code", "reads_ahead_data", "caches_code", "caches_data"), False)
 #: First addresses of places that matter: both ends of flash and its middle, both banks of SRAM, and what has no waits.
 PLACES = (0x0, 0x8000, 0x7FFE0, 0xFFFC0, 0x1FFF0000, 0x1FFFFFC0, 0x20000000, 0x2002FFC0, 0x22000000, 0x40000000)

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "code.h"
+#include "decode.h"
 #include "stacks.h"
 
 enum {
@@ -63,6 +64,7 @@ struct thread {
     int64_t left_at;          /* cycle at which an exception was entered */
     struct arrival arrival;   /* of the instruction that it resumes with */
     struct pipeline pipeline; /* before that instruction */
+    uint32_t accessed_at;     /* address of the latest access before that instruction */
     struct apart apart;
     int32_t open_count, next_given_up;
     struct given_up given_up[MOST_GIVEN_UP];
@@ -466,14 +468,38 @@ static void leave_thread(struct machine *machine, struct thread *thread)
     thread->left_at = now(machine);
     thread->arrival = arrival_of(machine);
     thread->pipeline = machine->history.pipeline;
+    thread->accessed_at = machine->history.accessed_at;
+}
+
+/* Return the address of a load or store of one word. */
+static uint32_t accessed_address(const struct core *core, const struct instruction *instruction)
+{
+    switch ((instruction->operation - OP_LDR_I) % ACCESS_FORM_COUNT) {
+    case ACCESS_REGISTER: return core->r[instruction->n] + (core->r[instruction->m] << instruction->amount);
+    case ACCESS_LITERAL: return instruction->immediate;
+    case ACCESS_WRITES_BACK:
+        return core->r[instruction->n] + (instruction->mode & MODE_POST ? 0 : instruction->immediate);
+    default: return core->r[instruction->n] + instruction->immediate;
+    }
+}
+
+/* Return the cycles that the instruction at the PC waits because it overlaps a load in another memory block, unless the
+ * pipeline is empty. */
+static int64_t other_block_cycles(struct machine *machine, const struct thread *thread)
+{
+    const struct instruction instruction = instruction_at(machine, machine->core.r[15]);
+    if (!overlaps_load(&machine->prices, &instruction, &thread->pipeline)
+        || is_same_block(machine, thread->accessed_at, accessed_address(&machine->core, &instruction)))
+        return 0;
+    return machine->prices.value[ROW_load_other_block];
 }
 
 /* Return the extra cycles of the code at the PC that are due to an emptied pipeline. */
-static int64_t emptied_pipeline_cycles(struct machine *machine, const struct pipeline *pipeline)
+static int64_t emptied_pipeline_cycles(struct machine *machine, const struct thread *thread)
 {
-    struct pipeline emptied, state = *pipeline;
+    struct pipeline emptied, state = thread->pipeline;
     uint32_t address = machine->core.r[15];
-    int64_t cycles = 0;
+    int64_t cycles = -other_block_cycles(machine, thread);
     memset(&emptied, 0, sizeof emptied);
     for (int i = 0; i < LONGEST_OVERLAP && memcmp(&state, &emptied, sizeof state) != 0; i++) {
         const struct instruction instruction = instruction_at(machine, address);
@@ -605,7 +631,7 @@ void calls_left(struct machine *machine, uint32_t frame, int32_t cycles, uint32_
     struct thread *thread = frame & FRAME_OF_THREAD ? suspended_at(calls, frame) : interrupted;
     if (!thread) /* it has no calls, or is new */
         return;
-    int64_t gone = now(machine) + cycles - thread->left_at + emptied_pipeline_cycles(machine, &thread->pipeline);
+    int64_t gone = now(machine) + cycles - thread->left_at + emptied_pipeline_cycles(machine, thread);
     if (thread == interrupted) {
         thread->apart.times++;
         thread->apart.interrupts += gone;
@@ -637,7 +663,7 @@ void machine_resume_calls(struct machine *machine)
     struct thread *thread = current_thread(machine);
     calls->is_paused = false;
     calls->paused_cycles += machine->core.cycles - calls->paused_at;
-    calls->paused_cycles += emptied_pipeline_cycles(machine, &thread->pipeline);
+    calls->paused_cycles += emptied_pipeline_cycles(machine, thread);
     resume_thread(machine, thread);
 }
 

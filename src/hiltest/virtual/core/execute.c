@@ -71,8 +71,6 @@ static bool is_trapped(struct machine *machine, const struct node *node, uint32_
     return true;
 }
 
-#define SYSTEM_BUS 0x20000000u /* the code buses end here (DDI 0403E, B3.1) */
-
 /* -- waits of memories ------------------------------------------------------------------------------------------- */
 
 static inline int32_t count_wait(struct machine *machine, struct node *node, int32_t wait)
@@ -80,6 +78,13 @@ static inline int32_t count_wait(struct machine *machine, struct node *node, int
     node->waited += wait;
     machine->core.memory_cycles += wait;
     return wait;
+}
+
+/* The same for waits by rows of the profile's costs, which depend on the address of an access. */
+static inline int32_t count_address_wait(struct machine *machine, struct node *node, int32_t wait)
+{
+    machine->core.address_cycles += wait;
+    return count_wait(machine, node, wait);
 }
 
 /* Return the cycles that an instruction waits which is fetched at a cycle. */
@@ -96,19 +101,8 @@ static inline int32_t unaligned_wait(struct machine *machine, struct node *node,
 {
     if ((address & (size - 1)) == 0)
         return 0;
-    return count_wait(machine, node, machine->prices.value[ROW_unaligned] * (size == 4 && address % 2 ? 2 : 1));
-}
-
-/* Return whether two addresses are in one memory block. */
-static bool is_same_block(const struct machine *machine, uint32_t one, uint32_t other)
-{
-    if (machine->block_count == 0)
-        return (one < SYSTEM_BUS) == (other < SYSTEM_BUS);
-    for (uint32_t i = 0; i < machine->block_count; i++) {
-        if ((one < machine->blocks[i]) != (other < machine->blocks[i]))
-            return false;
-    }
-    return true;
+    return count_address_wait(
+        machine, node, machine->prices.value[ROW_unaligned] * (size == 4 && address % 2 ? 2 : 1));
 }
 
 /* Return the cycles that an access takes longer because it cannot overlap a load in another memory block. */
@@ -119,7 +113,7 @@ static inline int32_t block_wait(struct machine *machine, struct node *node, uin
     machine->history.accessed_at = address;
     if (!node->overlaps_load || cost == 0 || is_same_block(machine, last, address))
         return 0;
-    return count_wait(machine, node, cost);
+    return count_address_wait(machine, node, cost);
 }
 
 /* Return whether an access that overlaps a load never waits. */

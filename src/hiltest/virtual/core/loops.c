@@ -191,6 +191,7 @@ static void count_turns(struct machine *machine, const struct turn *turn, int64_
     core->passed += turns * instructions;
     core->cycles += turns * (core->cycles - turn->core.cycles);
     core->memory_cycles += turns * (core->memory_cycles - turn->core.memory_cycles);
+    core->address_cycles += turns * (core->address_cycles - turn->core.address_cycles);
     for (uint32_t i = 0; i < turn->step_count; i++)
         *turn->steps[i].count += (uint64_t)turns;
     for (int i = 0; i < KNOWN_ANSWERS; i++) {

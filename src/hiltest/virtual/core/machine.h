@@ -82,6 +82,7 @@ struct core {
     int64_t instructions;  /* instructions since power-on, including those that IT blocks skip */
     int64_t idle_cycles;   /* cycles of sleep */
     int64_t memory_cycles; /* cycles in which instructions waited for memories */
+    int64_t address_cycles;/* part of them: the rows unaligned and load_other_block of the profile's costs */
     int64_t exception_cycles; /* cycles of completed exceptions that interrupted the thread, entry and return included */
     int64_t exception_since;  /* cycle at which the latest of them was entered */
     int64_t masked_since;  /* cycles without sleep at which PRIMASK was set */

@@ -339,3 +339,14 @@ bool fetch(struct machine *machine, uint32_t address, uint16_t *halfword)
     *halfword = (uint16_t)assemble(memory->bytes + (address - memory->base), 2);
     return true;
 }
+
+bool is_same_block(const struct machine *machine, uint32_t one, uint32_t other)
+{
+    if (machine->block_count == 0)
+        return (one < SYSTEM_BUS) == (other < SYSTEM_BUS);
+    for (uint32_t i = 0; i < machine->block_count; i++) {
+        if ((one < machine->blocks[i]) != (other < machine->blocks[i]))
+            return false;
+    }
+    return true;
+}

@@ -14,7 +14,7 @@ enum { DEAREST = 1000 }; /* largest value in a profile; sums stay far within 32 
 /* Rows that enable the rules of fetching and of addresses, all at once. */
 static const uint8_t FETCH_ROWS[] = {
     ROW_address_use, ROW_address_use_fp, ROW_it_folded, ROW_it_skipped, ROW_target_misplaced, ROW_return_misplaced, ROW_fetch_late,
-    ROW_fetch_late_fp, ROW_fetch_late_integer, ROW_fetch_late_access,
+    ROW_fetch_late_fp, ROW_fetch_late_integer, ROW_fetch_late_access, ROW_fetch_late_unbroken,
 };
 enum { FETCH_ROW_COUNT = sizeof FETCH_ROWS / sizeof FETCH_ROWS[0] };
 
@@ -221,7 +221,7 @@ static int32_t fetch_wait(const struct prices *prices, const struct pipeline *st
 /* Return the kind of an instruction of one cycle that begins a run of misplaced ones, or LATE_NOTHING. */
 static uint8_t late_behind(const struct prices *prices, const struct instruction *instruction)
 {
-    if (prices->has[ROW_fetch_late_access] && single_access(instruction->row))
+    if (prices->value[ROW_fetch_late_access] && single_access(instruction->row))
         return LATE_ACCESS;
     if (instruction->uses_fpu)
         return LATE_FLOATING_POINT;
@@ -236,7 +236,7 @@ static void leave_fetch(
     uint8_t run = (uint8_t)(state->misplaced + 1);
     bool goes_on = state->late != LATE_NOTHING && misplaced && run < misplaced_on_end(prices);
     bool passes = state->late != LATE_NOTHING && instruction->size == 2 && prices->value[ROW_late_past_narrow];
-    bool begins_anew = cycles >= 2 && !prices->has[ROW_fetch_late_access];
+    bool begins_anew = cycles >= 2 && !prices->value[ROW_fetch_late_unbroken];
     if (goes_on && !begins_anew) {
         after->late = state->late;
         after->misplaced = run;

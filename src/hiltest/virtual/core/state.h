@@ -165,6 +165,8 @@ static inline uint8_t *writable_bytes(const struct machine *machine, uint32_t ad
 bool load(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
 bool store(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
 struct memory *memory_at(struct machine *machine, uint32_t address, uint32_t size);
+/* Return whether two addresses are in one memory block, see machine_add_block. */
+bool is_same_block(const struct machine *machine, uint32_t one, uint32_t other);
 /* Read a halfword of code; false without memory. */
 bool fetch(struct machine *machine, uint32_t address, uint16_t *halfword);
 /* Mark bytes from which an instruction was decoded, or unmark all bytes. A store to marked bytes sets

@@ -12,7 +12,6 @@ enum { WORD_BYTES = 4, WORD_BITS = 2 };
 enum { FETCHED_AHEAD = 3 }; /* words that the core holds before it executes them */
 enum { PARTS = 100 }; /* conflicts cost hundredths of a cycle per access: their mean, which was measured */
 
-#define SYSTEM_BUS 0x20000000u /* the code buses end and the system bus begins at this address (DDI 0403E, B3.1) */
 #define BIT_BAND_ALIASES 0x22000000u /* no waits from this address on */
 #define K64F_FLASH_BYTES 0x100000u
 

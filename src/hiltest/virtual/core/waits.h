@@ -12,6 +12,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#define SYSTEM_BUS 0x20000000u /* the code buses end and the system bus begins at this address (DDI 0403E, B3.1) */
+
 /* Rows of the table: name, smallest and largest value, and whether it is a power of two. flash_uncertainty causes no
  * waits. */
 enum { CACHE_WAYS = 16, CACHE_SETS = 64, LATE_RAMS = 4 };

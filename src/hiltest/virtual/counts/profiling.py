@@ -83,7 +83,7 @@ class CallProfile(CallResult):
 
     function: str
     cycle_model: str
-    """Timing profile and placement of the code: ``cortex-m4-trm/2@sram``."""
+    """Timing profile and placement of the code: ``cortex-m4-trm/3@sram``."""
     work: Mapping[Work, int]
     stalls: Mapping[Stall, int]
     """Cycles of each class of instructions and of each stall; with `asleep_cycles` they add up to `cycles`."""
@@ -98,7 +98,10 @@ class CallProfile(CallResult):
     """Uncertainty range of `cycles`; None if the call took exceptions or slept, or for code in flash if the profile has
     no memory rows."""
     memory_cycles: int | None = None
-    """Cycles of waits for memories, part of the stalls in the tables; None if the profile has no memory rows."""
+    """Cycles of waits for memories, for unaligned data, and between loads from two memories, part of the stalls in the
+    tables; None if there are none and the profile has no memory rows."""
+    counts_memories: bool = False
+    """True if the profile has memory rows."""
     loops: tuple[LoopPlacement, ...] = ()
     """Loops with misaligned instructions, the most expensive first; empty if the profile has no fetch rules."""
 
@@ -259,6 +262,7 @@ class _Sums:
             stacks=tuple(sorted(self._stacks(), key=lambda cost: (-cost.cycles, cost.functions))),
             band=timed_range(self._timing, self._cycle_model, result.cycles, executed),
             memory_cycles=memory_cycles if memory_cycles or self._timing.memory else None,
+            counts_memories=bool(self._timing.memory),
             stack_bytes=result.stack_bytes,
             loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
         )

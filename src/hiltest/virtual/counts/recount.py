@@ -53,7 +53,8 @@ def count_with_waits(board: VirtualK64F, solution: RecordedSolution, profile: Ti
         begin = part.begin.core
         returns = lib.machine_call_again(machine.handle, part.begin.handle, _LARGEST_FACTOR * part.cycles)
         cycles = machine.core.cycles - begin.cycles
-        without = cycles - (machine.core.memory_cycles - begin.memory_cycles)
+        waits = machine.core.memory_cycles - begin.memory_cycles
+        without = cycles - waits + machine.core.address_cycles - begin.address_cycles
         if not returns or without != part.cycles:
             raise ConfigError(
                 f"{part.function}: slice {number} of {len(solution.slices)} takes {without} cycles when repeated, not "

@@ -14,9 +14,9 @@ from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.json_files import read_bounded, shown
 from hiltest.virtual.model.timing import CostRow, CountError, TimingProfile
 
-DEFAULT_PROFILE = "cortex-m4-trm/2"
+DEFAULT_PROFILE = "cortex-m4-trm/3"
 #: Profile with the memories of the K64F, and the default profile's instructions.
-MEMORY_PROFILE = "cortex-m4-k64f/2"
+MEMORY_PROFILE = "cortex-m4-k64f/3"
 SUFFIX = ".toml"
 
 #: Rows of every profile, and the instructions that each row prices.
@@ -65,7 +65,8 @@ RULES = {
     "fetch_late": "added to the third of three misaligned instructions of four bytes after one of two cycles",
     "fetch_late_fp": "the same after a floating-point instruction of one cycle",
     "fetch_late_integer": "the same after an integer instruction of one cycle",
-    "fetch_late_access": "the same after a load or store of one cycle; with this row, such runs do not begin anew",
+    "fetch_late_access": "the same after a load or store of one cycle",
+    "fetch_late_unbroken": "1 if such a run goes on past an instruction of two cycles, instead of beginning anew",
     "tail_chain": "instead of a return and an entry, when an exception is pending as a handler ends",
     "fp_frame": "added when a frame's floating-point registers are saved, at once or lazily, and when restored",
     "unaligned": "added for each part but the first of an unaligned access",

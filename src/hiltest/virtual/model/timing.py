@@ -53,7 +53,7 @@ class TimingProfile:
     Parameters
     ----------
     name
-        Name and version, such as ``cortex-m4-trm/2``.
+        Name and version, such as ``cortex-m4-trm/3``.
     memory
         Rows of the memories; with them, counts include waits for memories.
     waiting

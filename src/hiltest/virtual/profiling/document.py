@@ -150,18 +150,18 @@ def _notes(profile: CallProfile, memory: MemoryMap, part: Part | None) -> Iterat
         yield f"called with the memories of {part.title}, without peripherals"
     elif memory != MK64FN1M0:
         yield f"called on {memory}, without peripherals"
-    if profile.memory_cycles is not None:
+    if profile.counts_memories:
         if part is None and profile.clock_hz != CALL_HZ:
             yield "waits for flash have the clocks of the timing profile, regardless of the core clock"
     elif "flash" in placement and part is None:
-        counted = "; the profile cortex-m4-k64f/2 counts them" if memory == MK64FN1M0 else ""
+        counted = "; the profile cortex-m4-k64f/3 counts them" if memory == MK64FN1M0 else ""
         yield (
             "code ran from flash with zero wait states, because they are not modelled: silicon takes more cycles"
             f"{counted}"
         )
     if part is not None and "sram_u" in placement and not part.counts_system_bus:
         yield "code ran from RAM at 0x20000000 or above: what it waits for the system bus is not known on this part"
-    if part is None and "sram_u" in placement and profile.memory_cycles is None:
+    if part is None and "sram_u" in placement and not profile.counts_memories:
         yield "code ran from SRAM_U, where it competes with data for the bus: silicon takes more cycles"
     if not profile.lines:
         yield "no debug information (build with -g): no source lines, and only integers and buffers can be passed"

@@ -19,7 +19,7 @@ from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.silicon.rule_candidates import Judgement, judge
 
 #: Profiles without and with the rules of fetching and of addresses; the second one has all rows of the first one.
-PLAIN, WITH_RULES = "cortex-m4-trm/1", "cortex-m4-trm/2"
+PLAIN, WITH_RULES = "cortex-m4-trm/1", "cortex-m4-trm/3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def solve(clocks: Mapping[str, int], about: str, image: FirmwareImage) -> Measur
     base = load_profile(WITH_RULES)
     priced = TimingProfile(base.name, base.rows | rows, shipped=False)
     judgements = tuple(judge(clocks, priced, image))
-    if any(judgement.shows_rule for judgement in judgements if judgement.question.row not in ("", "refill_table")):
+    if any(judgement.shows_rule for judgement in judgements if judgement.question.row != "refill_table"):
         of_rules, more = _rule_rows(judgements, about)
         rows |= of_rules
         remarks += more
@@ -205,7 +205,7 @@ def _rule_rows(judgements: Iterable[Judgement], about: str) -> tuple[dict[str, C
     undecided: dict[str, str] = {}
     for judgement in judgements:
         row, candidate = judgement.question.row, judgement.decided
-        if row in ("", "refill_table"):
+        if row == "refill_table":
             continue
         remark = f"{judgement.question.sequence}: {judgement.clocks} clocks, {judgement.verdict}"
         if not judgement.survivors or (candidate and not candidate.in_rows):

@@ -41,13 +41,13 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A sequence that decides about a row, or about a behaviour without a row."""
+    """A sequence that decides about a row."""
 
     sequence: str
     about: str
     """Content of half the sequence."""
     row: str
-    """Row that the sequence decides, or that a candidate contradicts; empty if there is none."""
+    """Row that the sequence decides, or that a candidate contradicts."""
     candidates: tuple[Candidate, ...]
     """Possible answers; the first one is that the rule does not apply."""
 
@@ -86,11 +86,14 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
             if refill != value["refill_indirect"]
         ),
     )
-    unaligned = tuple(
-        Candidate(says, {"load": value["load"] + more})
-        for more, says in enumerate(("as if aligned", "one clock more per load", "two clocks more per load"))
-    )
+    unaligned = row_is("unaligned", "as if aligned", "one clock more for each part but the first")
     return (
+        Question(
+            "integers_misplaced",
+            "5 NOP around 48 misaligned EOR.W",
+            "fetch_late_integer",
+            fetch_waits("fetch_late_integer"),
+        ),
         Question("load_and_three", "4 times LDR, 3 misaligned EOR.W, NOP", "fetch_late", third),
         Question("pair_and_three", "4 times VMOV of a pair, 3 misaligned UMAAL, 5 NOP", "fetch_late", third),
         Question(
@@ -101,12 +104,6 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
                 Candidate("none waits"),
                 Candidate("the second waits", {"fetch_late": 1} | _EVERY_SECOND, in_rows=False),
             ),
-        ),
-        Question(
-            "integers_misplaced",
-            "5 NOP around 48 misaligned EOR.W",
-            "fetch_late_integer",
-            fetch_waits("fetch_late_integer"),
         ),
         Question("fp_misplaced", "5 NOP around 48 misaligned VADD", "fetch_late_fp", fetch_waits("fetch_late_fp")),
         Question(
@@ -139,9 +136,54 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         Question("compare_if_then", "8 times CMP of two bytes, IT, MOVEQ", "it_folded", folded),
         Question("if_then", "16 times IT, ADDEQ of two bytes", "it_folded", folded),
         Question("table_branch", "8 TBB to the next instruction", "refill_table", refills),
-        Question("loads_one_off", "8 times LDR at +1, EOR.W; the default model has no row", "", unaligned),
-        Question("loads_two_off", "8 times LDR at +2, EOR.W; the default model has no row", "", unaligned),
-        Question("loads_three_off", "8 times LDR at +3, EOR.W; the default model has no row", "", unaligned),
+        Question("loads_one_off", "8 times LDR at +1, EOR.W", "unaligned", unaligned),
+        Question("loads_two_off", "8 times LDR at +2, EOR.W", "unaligned", unaligned),
+        Question("loads_three_off", "8 times LDR at +3, EOR.W", "unaligned", unaligned),
+        Question(
+            "loads_of_one_base",
+            "8 times LDR [r1], #4, LDR [r1], #-4",
+            "load_same_base",
+            row_is("load_same_base", "the loads overlap", "no load overlaps"),
+        ),
+        Question(
+            "loads_of_two_memories",
+            "8 times LDR from SRAM_U, LDR from flash",
+            "load_other_block",
+            row_is("load_other_block", "the loads overlap", "no load overlaps"),
+        ),
+        Question(
+            "multiple_behind_store",
+            "8 times NOP, STR, LDM of two words",
+            "multiple_behind_store",
+            row_is("multiple_behind_store", "LDM does not wait", "LDM waits one clock"),
+        ),
+        Question(
+            "fp_computed_address",
+            "4 times VMOV to the FPU, VMOV back, LDR from this address, NOP.W",
+            "address_use_fp",
+            row_is("address_use_fp", "LDR does not wait", "LDR waits one clock"),
+        ),
+        Question(
+            "loads_and_three",
+            "4 times 3 LDR, 3 misaligned EOR.W, NOP, 3 NOP.W",
+            "fetch_late_access",
+            row_is("fetch_late_access", "none waits", "one of the three waits"),
+        ),
+        Question(
+            "two_loads_and_three",
+            "4 times NOP, misaligned LDR.W, EOR.W, LDR.W, 2 EOR.W, NOP, 2 NOP.W",
+            "fetch_late_unbroken",
+            row_is("fetch_late_unbroken", "none waits", "the third of the five waits"),
+        ),
+        Question(
+            "loads_of_two_bases",
+            "4 times LDR [r1], #4, LDR [r2], #4, LDR [r1], #-4, LDR [r2], #-4",
+            "load_same_base",
+            (
+                Candidate("the loads overlap"),
+                Candidate("no load overlaps", {"load_behind_load": value["load"]}, in_rows=False),
+            ),
+        ),
     )
 
 
@@ -182,8 +224,12 @@ class Judgement:
 def predicted_clocks(image: FirmwareImage, profile: TimingProfile, sequence: str) -> int:
     """Return the clocks of the first half of a sequence on a core with a profile."""
     board = VirtualK64F(image, profile=profile)
+    begin = image.symbols[f"sequence_{sequence}_sram"].address
+    half_bytes = int.from_bytes(image.read(begin - 4, 4), "little")
+    # The buffer's third word is the address of a word in flash, here 0. Bit 0 of a place is set, as in a function's.
     whole, second_half = (
-        board.call(f"sequence_{sequence}_sram", bytearray(_BUFFER_BYTES), from_middle).cycles for from_middle in (0, 1)
+        board.call("sequence_enter", bytearray(_BUFFER_BYTES), place | 1).cycles
+        for place in (begin, begin + half_bytes)
     )
     return whole - second_half
 
@@ -206,6 +252,6 @@ def judge(clocks: Mapping[str, int], profile: TimingProfile, image: FirmwareImag
         )
         judgement = Judgement(question, clocks[question.sequence], predicted)
         survivor = judgement.decided
-        if survivor and question.row:
+        if survivor:
             profile = survivor.apply_to(profile)
         yield judgement
