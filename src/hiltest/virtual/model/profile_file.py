@@ -52,7 +52,7 @@ ROWS = {
 }
 #: Optional rows of a profile, and their meaning; without a row its rule does not apply.
 RULES = {
-    "load_same_base": "1 if a load does not overlap a load before it that moves the same base register, as it does",
+    "load_same_base": "1 if two successive loads that move the same base register do not overlap",
     "multiple_behind_store": "added to LDM, LDRD, VLDM after a single store",
     "address_use": "added when an address depends on the result of the data-processing instruction right before",
     "address_use_fp": "the same after VMOV from the FPU to a core register",
