@@ -9,7 +9,7 @@ from hiltest.boards import Board
 from hiltest.calibration import fit_direct
 from hiltest.link.messages import GetCalibration
 from hiltest.link.streams import StreamFeed, StreamReset, StreamStatus
-from hiltest.measurement import DOUBT, CycleRange
+from hiltest.measurement import PUBLISHED, CycleRange
 from hiltest.procedures import StreamRun, golden_points, run_streams, store_streams, upload_points
 
 POINTS = 130
@@ -80,7 +80,7 @@ def test_the_total_of_a_stream_has_the_band_of_all_its_steps_together(
 
 def rows_of(band: CycleRange) -> tuple[int, int]:
     """The ends without what no row explains, which is rounded up in each count."""
-    doubt = next(row for row in band.rows if row.row == DOUBT)
+    doubt = next(row for row in band.rows if row.row == PUBLISHED)
     half = (doubt.high - doubt.low) // 2
     return band.low + half, band.high - half
 
