@@ -49,7 +49,7 @@ def test_the_json_has_every_row_of_the_profile(tmp_path: Path) -> None:
     content = json.loads(run("timing", "show", "--json", folder=tmp_path))
     profile = load_profile(DEFAULT_PROFILE)
     assert (content["schema"], content["name"], content["digest"]) == ("hiltest.timing/1", profile.name, profile.digest)
-    assert [row["row"] for row in content["rows"]] == [*ROWS, *RULES]
+    assert [row["row"] for row in content["rows"]] == [*ROWS, *(rule for rule in RULES if rule in profile.rows)]
     assert {row["row"]: (row["cycles"], tuple(row["band"]), row["source"]) for row in content["rows"]} == {
         name: (row.value, row.band, row.source) for name, row in profile.rows.items()
     }

@@ -24,7 +24,8 @@ from typing import NamedTuple
 from .capstone_oracle import Instruction
 
 _ON_END = 3  # misplaced instructions until the fetch is late
-_MAKES_RESULTS = ("data", "divide")
+MULTIPLIES = ("multiply", "multiply_accumulate", "multiply_long", "accumulate_long")
+_MAKES_RESULTS = ("data", "divide", *MULTIPLIES)
 _ACCESSES = ("load", "store", "store_register_offset")
 
 

@@ -23,11 +23,12 @@ from __future__ import annotations
 from hiltest.virtual.model.timing import TimingProfile
 
 from .capstone_oracle import Instruction
-from .pipeline_model import NEUTRAL, Late, PipelineState, Reached, Rules
+from .pipeline_model import MULTIPLIES, NEUTRAL, Late, PipelineState, Reached, Rules
 
 # Neither leaves a pipeline state nor, behind none, waits: most of all instructions, priced at once.
 _LEAVES_NOTHING = frozenset(
     {"data", "divide", "it", "barrier", "system", "exclusive", "fp_load", "fp_store", "fp_move_pair", "it_skipped"}
+    | set(MULTIPLIES)
 )
 # Rows of the rules that a profile may have, see `pipeline_model`.
 RULE_ROWS = frozenset(
@@ -45,7 +46,8 @@ RULE_ROWS = frozenset(
         "fetch_late_unbroken",
     }
 )
-_OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load"}
+_OWN_REFILLS = {"table_branch": "refill_table", "load": "refill_load", "multiple_base": "refill_multiple"}
+_LINK_REGISTER = 1 << 14
 _SINGLE_TRANSFERS = {"load": "load", "store": "store", "store_register_offset": "store"}
 
 
@@ -65,6 +67,8 @@ class PriceModel:
     def __init__(self, profile: TimingProfile) -> None:
         self.rows = profile.rows
         self._value = {key: row.value for key, row in profile.rows.items()}
+        for multiply in MULTIPLIES:
+            self._value.setdefault(multiply, self._value["data"])
         self._rules = Rules(self._value) if self.rows.keys() & RULE_ROWS else None
         self.prices_skipped = "it_skipped" in self.rows
         self._hidden = min(self._value["fp_accumulate_hidden"], self._value["fp_accumulate"] - 1)
@@ -133,7 +137,8 @@ class PriceModel:
     def refill_row(self, instruction: Instruction) -> str:
         """Return the row that prices the refill when a transfer is taken."""
         if instruction.transfer == "direct":
-            return "refill_direct"
+            calls = instruction.core_writes & _LINK_REGISTER and "refill_call" in self._value
+            return "refill_call" if calls else "refill_direct"
         own = _OWN_REFILLS.get(instruction.row, "")
         return own if own in self._value else "refill_indirect"
 

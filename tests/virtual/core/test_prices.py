@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from hiltest.virtual.model import timing
 from hiltest.virtual.model.profile_file import AT_LEAST, ROWS, RULES, load_profile
+from hiltest.virtual.part.part_file import load_part
 
 from .. import pipeline_model as pipeline  # the model in Python
 from ..capstone_oracle import Instruction, decode
@@ -27,11 +28,14 @@ from ..price_model import RULE_ROWS, PriceModel
 from .inner_library import inner_library
 
 PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2", "cortex-m4-trm/3")
+OTHER_CORES = ()
 UNPRICED = "doubt_permille"  # a row that says how far a count may be wrong
 OF_DATA = ("unaligned", "load_other_block")  # rows that depend on the addresses of data, see test_data_addresses.py
 OF_LOADS = ("load_same_base", "multiple_behind_store")
 CANDIDATES = ("misplaced_on_end", "late_past_narrow")  # rows of no profile file, see rule_candidates.py
-OPTIONAL = sorted(RULE_ROWS | {"refill_table", "refill_load", "tail_chain", "fp_frame", *OF_LOADS, *CANDIDATES})
+OF_OTHER_CORES = (*pipeline.MULTIPLIES, "refill_call", "refill_multiple")
+OF_TRANSFERS = ("refill_table", "refill_load", "tail_chain", "fp_frame")
+OPTIONAL = sorted({*RULE_ROWS, *OF_TRANSFERS, *OF_LOADS, *OF_OTHER_CORES, *CANDIDATES})
 DEAREST = 1000
 LONGEST_DIVISION = DEAREST - 1  # its result may be a cycle later
 LARGEST = 24  # more than any sum of waits in these sequences: each row can be told from the others
@@ -43,7 +47,9 @@ TRANSFERS = {"": "TRANSFER_NONE", "direct": "TRANSFER_DIRECT", "indirect": "TRAN
 # LT: an assembler would want their blocks.
 TEMPLATES = """
     nop; adds {a}, {b}, {c}; add.w {a}, {b}, {c}; adds {a}, #3; mov {a}, {b}; eor.w {a}, {b}, {c}; mul {a}, {b}, {c}
-    umaal {a}, {d}, {b}, {c}; smlad {a}, {b}, {c}, {d}; sdiv {a}, {b}, {c}; udiv {a}, {b}, {c}; cmp {a}, {b}
+    umaal {a}, {d}, {b}, {c}; muls {a}, {b}; mla {a}, {b}, {c}, {d}; mls {a}, {b}, {c}, {d}
+    umull {a}, {d}, {b}, {c}; smull {a}, {d}, {b}, {c}; umlal {a}, {d}, {b}, {c}; smlal {a}, {d}, {b}, {c}
+    smlad {a}, {b}, {c}, {d}; sdiv {a}, {b}, {c}; udiv {a}, {b}, {c}; cmp {a}, {b}
     add sp, #8; sub sp, #8; movw {a}, #4660; clz {a}, {b}; bfi {a}, {b}, #3, #5; adr {a}, . + 16
     ldr {a}, [{b}]; ldr.w {a}, [{b}, #8]; ldr {a}, [{b}, {c}]; ldrb.w {a}, [{b}, {c}, lsl #2]; ldrsh.w {a}, [{b}, #-2]
     ldr {a}, [{b}], #4; ldr {a}, [{b}, #4]!; ldr {a}, [sp, #8]; ldr.w {a}, [pc, #8]; ldrt {a}, [{b}]
@@ -251,21 +257,25 @@ def test_random_sequences_take_the_cycles_of_random_profiles(
     assert_alike(profile_of(random_values(chance)), codes, steps)
 
 
-@pytest.mark.parametrize("name", PROFILES)
+def profile_named(name: str) -> timing.TimingProfile:
+    return load_profile(name) if name in PROFILES else load_part(name).timing()
+
+
+@pytest.mark.parametrize("name", [*PROFILES, *OTHER_CORES])
 def test_three_instructions_of_any_three_rows_take_the_cycles_of_the_profiles_that_ship(
     name: str, codes: list[bytes]
 ) -> None:
-    chance = random.Random(name)
+    chance, profile = random.Random(name), profile_named(name)
     rows: dict[str, list[int]] = {}
     for number, code in enumerate(codes):
         rows.setdefault(decoded(code, 0x1000, False).row, []).append(number)
-    assert rows.keys() == {row for row in ROWS if f"ROW_{row}" in row_names()}
+    assert rows.keys() == {row for row in (*ROWS, *pipeline.MULTIPLIES) if f"ROW_{row}" in row_names()}
     for three in product(rows.values(), repeat=3):
         # A multiply-accumulate behind them waits for all that they left in the FPU.
         numbers = [chance.choice(row) for row in three] + [chance.choice(rows["fp_accumulate"])]
         goes = chance.choices(("on", "skipped", "away"), weights=(8, 1, 3), k=4)
         steps = [Step(number, chance.randrange(4), False, way) for number, way in zip(numbers, goes, strict=True)]
-        assert_alike(load_profile(name), codes, steps)
+        assert_alike(profile, codes, steps)
 
 
 def row_names() -> set[str]:

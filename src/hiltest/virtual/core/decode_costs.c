@@ -31,6 +31,10 @@ static uint8_t row(const struct instruction *i)
     case OP_B: case OP_BL: case OP_BX: case OP_BLX: case OP_CBZ: case OP_CBNZ: case OP_MOV_PC: case OP_ADD_PC:
         return ROW_branch;
     case OP_SDIV: case OP_UDIV: return ROW_divide;
+    case OP_MUL: return ROW_multiply;
+    case OP_MLA: case OP_MLS: return ROW_multiply_accumulate;
+    case OP_UMULL: case OP_SMULL: return ROW_multiply_long;
+    case OP_UMLAL: case OP_SMLAL: case OP_UMAAL: return ROW_accumulate_long;
     case OP_IT: return ROW_it;
     case OP_DMB: case OP_DSB: case OP_ISB: return ROW_barrier;
     case OP_CLREX: case OP_SVC: case OP_BKPT: case OP_CPS: case OP_MRS: case OP_MSR: return ROW_system;

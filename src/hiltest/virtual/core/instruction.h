@@ -118,7 +118,7 @@ enum { CONDITION_ALWAYS = 14 };
 #define COST_ROWS(X) \
     X(data) X(divide) X(it) X(it_skipped) X(barrier) X(system) X(exclusive) X(load) X(store) X(store_register_offset) \
     X(multiple_base) X(branch) X(table_branch) X(fp) X(fp_accumulate) X(fp_divide) X(fp_load) X(fp_store) \
-    X(fp_move_pair)
+    X(fp_move_pair) X(multiply) X(multiply_accumulate) X(multiply_long) X(accumulate_long)
 #define ROW_ENUMERATOR(NAME) ROW_##NAME,
 enum cost_row { COST_ROWS(ROW_ENUMERATOR) INSTRUCTION_ROWS };
 

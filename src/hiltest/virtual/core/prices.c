@@ -9,6 +9,7 @@
 #define ROW_NAME(NAME) #NAME,
 static const char *const ROW_NAMES[PRICE_ROWS] = {COST_ROWS(ROW_NAME) RULE_ROWS(ROW_NAME)};
 
+enum { LINK_REGISTER = 14 };
 enum { DEAREST = 1000 }; /* largest value in a profile; sums stay far within 32 bits */
 
 /* Rows that enable the rules of fetching and of addresses, all at once. */
@@ -99,6 +100,8 @@ static int32_t multiple_cycles(
     return prices->value[ROW_multiple_base] + instruction->words + late;
 }
 
+static bool is_multiply(uint8_t row) { return row >= ROW_multiply && row <= ROW_accumulate_long; }
+
 /* Cycles of an instruction without waits. */
 static int32_t own_cycles(
     const struct prices *prices, const struct instruction *instruction, const struct pipeline *state)
@@ -110,7 +113,10 @@ static int32_t own_cycles(
     case ROW_load: return load_cycles(prices, instruction, state);
     case ROW_store: /* it uses the second cycle of a load */
         return prices->value[state->before == ROW_load ? ROW_store_behind_load : ROW_store];
-    default: return prices->value[instruction->row];
+    default:
+        if (is_multiply(instruction->row) && !prices->has[instruction->row])
+            return prices->value[ROW_data];
+        return prices->value[instruction->row];
     }
 }
 
@@ -256,7 +262,7 @@ static uint16_t computed_registers(const struct prices *prices, const struct ins
 {
     if (instruction->moves_from_fpu)
         return prices->value[ROW_address_use_fp] ? instruction->core_writes : 0;
-    bool computes = instruction->row == ROW_data || instruction->row == ROW_divide;
+    bool computes = instruction->row == ROW_data || instruction->row == ROW_divide || is_multiply(instruction->row);
     return computes && prices->value[ROW_address_use] ? instruction->core_writes : 0;
 }
 
@@ -351,12 +357,16 @@ static enum reached reached_by(const struct prices *prices, const struct instruc
 
 static enum rule_row refill_row(const struct prices *prices, const struct instruction *instruction)
 {
-    if (instruction->transfer == TRANSFER_DIRECT)
-        return ROW_refill_direct;
+    if (instruction->transfer == TRANSFER_DIRECT) {
+        const bool is_call = instruction->core_writes & (1u << LINK_REGISTER); /* only BL writes it */
+        return is_call && prices->has[ROW_refill_call] ? ROW_refill_call : ROW_refill_direct;
+    }
     if (instruction->row == ROW_table_branch && prices->has[ROW_refill_table])
         return ROW_refill_table;
     if (instruction->row == ROW_load && prices->has[ROW_refill_load])
         return ROW_refill_load;
+    if (instruction->row == ROW_multiple_base && prices->has[ROW_refill_multiple])
+        return ROW_refill_multiple;
     return ROW_refill_indirect;
 }
 

@@ -12,10 +12,10 @@
 #define RULE_ROWS(X) \
     X(load_behind_load) X(load_same_base) X(load_behind_store) X(multiple_behind_store) X(store_behind_load) \
     X(fp_use) X(fp_divide_use) X(fp_accumulate_hidden) \
-    X(refill_direct) X(refill_indirect) X(refill_table) X(refill_load) X(exception_entry) X(exception_return) \
-    X(tail_chain) X(fp_frame) X(address_use) X(address_use_fp) X(it_folded) X(target_misplaced) X(return_misplaced) \
-    X(fetch_late) X(fetch_late_fp) X(fetch_late_integer) X(fetch_late_access) X(fetch_late_unbroken) X(unaligned) \
-    X(load_other_block) X(misplaced_on_end) X(late_past_narrow)
+    X(refill_direct) X(refill_indirect) X(refill_table) X(refill_load) X(refill_call) X(refill_multiple) \
+    X(exception_entry) X(exception_return) X(tail_chain) X(fp_frame) X(address_use) X(address_use_fp) X(it_folded) \
+    X(target_misplaced) X(return_misplaced) X(fetch_late) X(fetch_late_fp) X(fetch_late_integer) X(fetch_late_access) \
+    X(fetch_late_unbroken) X(unaligned) X(load_other_block) X(misplaced_on_end) X(late_past_narrow)
 enum rule_row { FIRST_RULE_ROW = INSTRUCTION_ROWS - 1, RULE_ROWS(ROW_ENUMERATOR) PRICE_ROWS };
 
 /* Values of all rows [clock cycles]. `has` marks the rows of the profile, because the rule of a missing row does not

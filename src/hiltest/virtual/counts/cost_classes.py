@@ -43,6 +43,10 @@ class Stall(StrEnum):
 WORK_OF_ROW = {
     "data": Work.INTEGER,
     "divide": Work.INTEGER,
+    "multiply": Work.INTEGER,
+    "multiply_accumulate": Work.INTEGER,
+    "multiply_long": Work.INTEGER,
+    "accumulate_long": Work.INTEGER,
     "it": Work.INTEGER,
     "it_skipped": Work.INTEGER,
     "load": Work.LOAD_STORE,
