@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
 from hiltest import cycles
 from hiltest.errors import ConfigError, UnknownKeyError
+from hiltest.measurement.cycle_range import DOUBT
 from hiltest.virtual.part.part_file import load_part, shipped_parts
 from hiltest.virtual.profiling.document import document
 
@@ -29,8 +30,9 @@ SOURCE = """
 work:
     push {{r4-r7}}
     ldr r1, =near
-    add r2, r1, #64
-    vmov s0, r1
+    movs r2, #64
+    adds r2, r1
+    {fpu}
     ldr r3, =far
     movs r0, #0
     .balign 4
@@ -61,6 +63,9 @@ SECTIONS {{
 """
 FLASH, SRAM1, SRAM2 = 0x08001000, 0x20000000, 0x2001C000
 REMAPPED = 0x1000
+M4 = ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+FLAGS_OFFSET, HARD_FLOAT = 36, 0x400  # e_flags of the ELF header
+M33 = ("-mcpu=cortex-m33", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard")
 
 
 class Linker:
@@ -77,11 +82,12 @@ class Linker:
         near: int = SRAM1,
         far: int = SRAM1 + 0x1000,
         stack: int = SRAM1 + 0x8000,
+        core: Sequence[str] = M4,
     ) -> Path:
         source, script, elf = (self._folder / name for name in ("work.S", "work.ld", "work.elf"))
-        source.write_text(SOURCE.format(sequence=sequence))
+        source.write_text(SOURCE.format(sequence=sequence, fpu="vmov s0, r1" if len(core) > 1 else ""))
         script.write_text(SCRIPT.format(code=code, near=near, far=far, stack=stack))
-        flags = ["-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-nostdlib", "-Wl,-e,work"]
+        flags = [*core, "-mthumb", "-nostdlib", "-Wl,-e,work"]
         places = ["-Wl,--build-id=none,--no-warn-rwx-segments", f"-Wl,-T,{script}"]
         subprocess.run([self._compiler, *flags, *places, source, "-o", elf], check=True, timeout=60)
         return elf
@@ -93,6 +99,13 @@ class Linker:
             for text in (sequence, "nop.w")
         )
         return whole - empty + 1
+
+    def count_on(self, part: str, core: Sequence[str], sequence: str) -> int:
+        """Count the cycles of a sequence on a part, without those of the code around it."""
+        whole, empty = (
+            cycles(self.link(text, core=core), part=part).call("work").cycles for text in (sequence, "nop\n nop")
+        )
+        return whole - empty + 2
 
 
 @pytest.fixture
@@ -124,6 +137,73 @@ def count(linker: Linker) -> Count:
 )
 def test_a_sequence_takes_the_cycles_of_version_3(count: Count, sequence: str, expected: int) -> None:
     assert count(sequence) == expected
+
+
+@pytest.mark.parametrize(
+    ("sequence", "expected"),
+    [
+        ("ldr r4, [r1]\n ldr r5, [r2]", 4),
+        ("ldr r4, [r1]\n str r4, [r2]", 4),
+        ("str r0, [r1]\n ldr r4, [r2]", 4),
+        ("str r0, [r1, r0]\n nop", 3),
+        ("adds r4, r1, r0\n ldr r5, [r4]", 3),
+        ("muls r4, r0\n nop", 2),
+        ("push {r4, r5}\n pop {r4, r5}", 6),
+        ("dmb", 3),
+        ("cmp r0, #1\n beq 1f\n 1:", 2),
+        ("cmp r0, #0\n beq 1f\n nop\n nop\n 1:", 3),
+        ("adr r5, 1f\n adds r5, #1\n bx r5\n nop\n 1:", 4),
+        ("adr r5, 1f\n adds r5, #1\n push {r4, r5}\n pop {r4, pc}\n 1:", 10),
+        ("mov r7, lr\n bl 1f\n b 2f\n 1: bx lr\n 2: mov lr, r7\n nop\n nop", 11),
+    ],
+)
+def test_a_sequence_takes_the_cycles_of_the_manual_on_a_cortex_m0plus(
+    linker: Linker, sequence: str, expected: int
+) -> None:
+    assert linker.count_on("generic-m0plus", ["-mcpu=cortex-m0plus"], sequence) == expected
+
+
+@pytest.mark.parametrize(
+    ("sequence", "expected"),
+    [
+        ("mul r4, r0, r0", 1),
+        ("mla r4, r0, r0, r0", 2),
+        ("mls r4, r0, r0, r0", 2),
+        ("umull r4, r5, r0, r0", 5),
+        ("smull r4, r5, r0, r0", 5),
+        ("umlal r4, r5, r0, r0", 7),
+        ("smlal r4, r5, r0, r0", 7),
+        ("udiv r4, r0, r0", 12),
+        ("mul r4, r0, r0\n ldr.w r5, [r1, r4]", 4),
+        ("ldr.w r4, [r1]\n ldr.w r5, [r2]", 3),
+        ("ldr r4, [r1], #4\n ldr r5, [r1], #4", 4),
+        ("str.w r0, [r1]\n ldm.w r2, {r4, r5}", 5),
+        ("ldr.w r4, [r1, #2]", 3),
+        ("mov r7, lr\n bl 1f\n b 2f\n 1: bx lr\n 2: mov lr, r7\n nop\n nop", 11),
+    ],
+)
+def test_a_sequence_takes_the_cycles_of_the_manual_on_a_cortex_m3(linker: Linker, sequence: str, expected: int) -> None:
+    assert linker.count_on("generic-m3", ["-mcpu=cortex-m3"], sequence) == expected
+
+
+@pytest.mark.parametrize(
+    ("sequence", "expected"),
+    [
+        ("ldr.w r4, [r1]\n ldr.w r5, [r2]", 2),
+        ("ldr.w r4, [r1]\n str.w r4, [r2]", 2),
+        ("ldm.w r2, {r4, r5, r6}", 3),
+        ("ldrd r4, r5, [r2]", 2),
+        ("b.w 1f\n nop.w\n 1:", 2),
+        ("umaal r4, r5, r0, r0", 1),
+        ("vadd.f32 s1, s2, s3\n vadd.f32 s4, s1, s1", 3),
+        ("vfma.f32 s1, s2, s3\n vfma.f32 s1, s2, s3", 4),
+        ("vfma.f32 s1, s2, s3\n nop.w\n nop.w\n vfma.f32 s1, s2, s3", 4),
+    ],
+)
+def test_a_sequence_takes_the_cycles_that_were_published_of_a_cortex_m33(
+    linker: Linker, sequence: str, expected: int
+) -> None:
+    assert linker.count_on("generic-m33", M33, sequence) == expected
 
 
 def test_loads_overlap_only_within_one_block_of_memory(count: Count) -> None:
@@ -211,6 +291,9 @@ def test_less_stack_than_in_an_earlier_call_is_stated() -> None:
 
 
 DIGESTS = {
+    "generic-m0plus/1": "53981745529f88a0",
+    "generic-m3/1": "f3ea4f089c1ecd01",
+    "generic-m33/1": "c8a439973b407422",
     "generic-m4/1": "86be6a19a39fc5a3",
     "mk64f12/1": "5fb579178c51b1cf",
     "nrf52840/1": "cafc99b742147595",
@@ -226,7 +309,7 @@ def test_every_shipped_part_has_sources_and_its_numbers_stay() -> None:
     for name in shipped_parts():
         profile = load_part(name).timing()
         assert all(row.source for row in (*profile.rows.values(), *profile.memory.values()))
-        assert {"sram", "flash"} <= profile.errors.keys()
+        assert {"sram", "flash"} <= profile.errors.keys() or profile.rows[DOUBT].value > 0
 
 
 def test_a_part_is_named_without_its_version_and_a_file_of_ones_own_is_told_from_it(tmp_path: Path) -> None:
@@ -250,6 +333,7 @@ def test_a_part_is_named_without_its_version_and_a_file_of_ones_own_is_told_from
         ("[memory.cache_ways]", "[memory.cache_way]", "cache_way"),
         ("[error.flash]\npermille = [-16, 28]", "[error.flash]\npermille = [16, 28]", "error.flash.permille"),
         ("[error.flash]", "[error.rom]", "rom"),
+        ("clock_mhz = 64", 'clock_mhz = 64\ncore = "cortex-m7"', "part.core"),
     ],
 )
 def test_a_wrong_part_file_is_refused_with_the_place(tmp_path: Path, before: str, after: str, place: str) -> None:
@@ -262,7 +346,7 @@ def test_a_wrong_part_file_is_refused_with_the_place(tmp_path: Path, before: str
 
 
 def test_a_part_that_is_unknown_or_too_fast_is_refused() -> None:
-    with pytest.raises(ConfigError, match="no part 'stm32f1'; known: generic-m4"):
+    with pytest.raises(ConfigError, match="no part 'stm32f1'; known: generic-m0plus"):
         load_part("stm32f1")
     with pytest.raises(ConfigError, match="runs at up to 168 MHz, not 180 MHz"):
         load_part("stm32f407").timing(180 * MHZ)
@@ -285,6 +369,58 @@ def test_the_range_of_a_count_is_that_of_published_counts() -> None:
     bare = cycles(part="generic-m4").call("crc32", b"123456789", 9)
     assert bare.band is not None
     assert bare.band.high - bare.band.low <= 0.02 * bare.cycles + 2  # rounded up at both ends
+
+
+@pytest.mark.parametrize("name", ["generic-m0plus", "generic-m3", "generic-m33"])
+def test_a_part_without_published_counts_has_the_range_of_its_rows(linker: Linker, tmp_path: Path, name: str) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(load_part(name).file.read_text(encoding="utf-8").replace(name, "my-chip"), encoding="utf-8")
+    for part in (name, str(own)):
+        counted = cycles(linker.link("ldr r4, [r1]\n nop", core=["-mcpu=cortex-m0plus"]), part=part).call("work")
+        assert counted.cycle_model.endswith("@flash")
+        assert counted.band is not None
+        assert counted.band.low < counted.cycles < counted.band.high
+        assert DOUBT in {effect.row for effect in counted.band.rows}
+
+
+M3, M0PLUS = ["-mcpu=cortex-m3"], ["-mcpu=cortex-m0plus"]
+ARCHITECTURES = {
+    "generic-m0plus": [("Armv7-M", M3), ("Armv7E-M", M4), ("Armv8-M", M33)],
+    "generic-m3": [("Armv7E-M", M4), ("Armv8-M", M33)],
+    "generic-m4": [("Armv8-M", M33)],
+    "stm32f407": [("Armv8-M", M33)],
+}
+
+
+@pytest.mark.parametrize(
+    ("part", "architecture", "core"), [(part, *case) for part, cases in ARCHITECTURES.items() for case in cases]
+)
+def test_an_image_of_an_architecture_that_the_core_of_a_part_does_not_have_is_refused(
+    linker: Linker, part: str, architecture: str, core: Sequence[str]
+) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        cycles(linker.link("nop\n nop", core=core), part=part)
+    own = {"generic-m0plus": M0PLUS, "generic-m3": M3}.get(part, M4)
+    assert all(fact in str(refusal.value) for fact in ("work.elf", architecture, own[0]))
+
+
+def test_an_image_of_an_older_architecture_or_of_an_unknown_one_is_counted(linker: Linker) -> None:
+    for part, cores in {"generic-m3": [M0PLUS], "generic-m4": [M0PLUS, M3], "generic-m33": [M0PLUS, M3, M4]}.items():
+        for core in cores:
+            assert cycles(linker.link("nop\n nop", core=core), part=part).call("work").cycles
+    elf = linker.link("nop\n nop", core=M33)
+    elf.write_bytes(elf.read_bytes().replace(b".ARM.attributes", b".ARM.attributez"))
+    assert cycles(elf, part="generic-m33").call("work").cycles
+
+
+def test_an_image_that_passes_floats_in_registers_needs_a_core_that_has_them(linker: Linker) -> None:
+    elf = linker.link("nop\n nop", core=M3)
+    content = bytearray(elf.read_bytes())
+    content[FLAGS_OFFSET + 1] |= HARD_FLOAT >> 8
+    elf.write_bytes(content)
+    with pytest.raises(ConfigError, match="floating-point unit"):
+        cycles(elf, part="generic-m3")
+    assert cycles(elf, part="generic-m4").call("work").cycles
 
 
 def test_code_on_a_bus_that_nobody_measured_has_a_note(linker: Linker) -> None:

@@ -28,7 +28,7 @@ from ..price_model import RULE_ROWS, PriceModel
 from .inner_library import inner_library
 
 PROFILES = ("cortex-m4-trm/1", "cortex-m4-trm/2", "cortex-m4-trm/3")
-OTHER_CORES = ()
+OTHER_CORES = ("generic-m0plus", "generic-m3", "generic-m33")
 UNPRICED = "doubt_permille"  # a row that says how far a count may be wrong
 OF_DATA = ("unaligned", "load_other_block")  # rows that depend on the addresses of data, see test_data_addresses.py
 OF_LOADS = ("load_same_base", "multiple_behind_store")

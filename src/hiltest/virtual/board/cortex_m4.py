@@ -259,7 +259,7 @@ class VirtualCortexM4:
             raise BoardFault(f"{symbol} {cause} a system reset", pc=self.image.symbols[symbol].address) from None
 
 
-def open_image(elf: str | Path | bytes | FirmwareImage) -> FirmwareImage:
-    """Return the image in a file or in its content; an image is returned unchanged."""
+def open_image(elf: str | Path | bytes | FirmwareImage, *, core: str = "cortex-m4") -> FirmwareImage:
+    """Return the image in a file or in its content, checked for a core; an image is returned unchanged."""
     source = Path(elf) if isinstance(elf, str) else elf
-    return source if isinstance(source, FirmwareImage) else load_image(source)
+    return source if isinstance(source, FirmwareImage) else load_image(source, core=core)

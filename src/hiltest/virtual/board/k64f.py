@@ -359,7 +359,7 @@ def board_for(
 
     If the image needs other memories, or `memory` or `part` names them, the board is a `VirtualCortexM4`.
     """
-    image = open_image(elf)
+    image = open_image(elf, core=part.core) if part is not None else open_image(elf)
     if part is not None:
         memories = part.memory_map or memory_map(image, memory)
         return VirtualCortexM4(image, profile=profile, memory=memories, stack="image")

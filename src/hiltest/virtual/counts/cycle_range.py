@@ -176,7 +176,7 @@ def timed_range(
         Slices that were counted, and those that were subtracted; None if they are unknown.
     """
     error = _error(profile, cycle_model)
-    if error is None and runs_from_flash(cycle_model):
+    if error is None and profile.waits_for_flash and runs_from_flash(cycle_model):
         return flash_range(profile, cycles)
     return cycle_range(profile, cycles, *executed, error=error) if executed else None
 

@@ -61,6 +61,8 @@ class TimingProfile:
     errors
         Errors of counts by the memory of the code: ``sram``, ``sram_u`` (from 0x20000000) or ``flash``; None if the
         ranges of rows are the only doubt.
+    waits_for_flash
+        False if code in flash has the range of its rows, because no memory waits.
     shipped
         True if the package's tests fix the numbers of this name; otherwise a digest is appended to the name, as in
         ``mine/1+0a1b2c3d``, so that counts of different tables are not compared.
@@ -79,11 +81,13 @@ class TimingProfile:
         *,
         waiting: WaitingMemories | None = None,
         errors: Mapping[str, CountError] | None = None,
+        waits_for_flash: bool = True,
         shipped: bool = True,
     ) -> None:
         self.memory = memory or {}
         self.waiting = waiting
         self.errors = errors or {}
+        self.waits_for_flash = waits_for_flash
         table = (*sorted(rows.items()), *sorted(self.memory.items()))
         text = (
             name + "".join(f";{key}={row.value}{row.band}" for key, row in table) + (repr(waiting) if waiting else "")
@@ -98,5 +102,11 @@ def replace_values(profile: TimingProfile, values: Mapping[str, int]) -> TimingP
     """Return a profile with other values in some rows, which may be outside their ranges."""
     rows = profile.rows | {name: replace(profile.rows[name], value=value) for name, value in values.items()}
     return TimingProfile(
-        profile.name, rows, profile.memory, waiting=profile.waiting, errors=profile.errors, shipped=False
+        profile.name,
+        rows,
+        profile.memory,
+        waiting=profile.waiting,
+        errors=profile.errors,
+        waits_for_flash=profile.waits_for_flash,
+        shipped=False,
     )

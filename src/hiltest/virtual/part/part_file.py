@@ -57,6 +57,7 @@ class _PartTable:
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     title: _Text
     memories: Annotated[list[PartMemory], Field(max_length=16)]
+    core: Literal["cortex-m0plus", "cortex-m3", "cortex-m4", "cortex-m33"] = "cortex-m4"
     clock_mhz: Annotated[float, Field(gt=0, le=1000)] = 120
     wait_states: WaitStates | None = None
 
@@ -75,6 +76,8 @@ class Part:
         Empty for a core with any memories, none of which waits.
     clock_hz : int
         Highest core clock [Hz].
+    core : str
+        Name of its core, such as ``cortex-m4``.
     file : Path
         File that describes it.
     """
@@ -83,6 +86,7 @@ class Part:
     title: str
     memories: list[PartMemory]
     clock_hz: int
+    core: str
     file: Path
     _wait_states: WaitStates | None
     _rows: dict[str, CostRow]
@@ -126,7 +130,15 @@ class Part:
             flash = next((entry.region for entry in self.memories if entry.kind == "flash"), (0, 0))
             late = tuple(entry.region for entry in self.memories if entry.late)
             waiting = WaitingMemories(flash, late, tuple(entry.begin for entry in self.memories))
-        return TimingProfile(name, self._rows, memory, waiting=waiting, errors=errors, shipped=self._shipped)
+        return TimingProfile(
+            name,
+            self._rows,
+            memory,
+            waiting=waiting,
+            errors=errors,
+            waits_for_flash=bool(memory or self.memories),
+            shipped=self._shipped,
+        )
 
     def _number_of_wait_states(self, clock_hz: float) -> int:
         assert self._wait_states is not None
@@ -191,7 +203,19 @@ def _read_part(file: Path, *, shipped: bool) -> Part:
         raise ConfigError(f"{place}: part.{describe_invalid(error.errors()[0])}") from error
     name, rows, memory, errors = parse_rows(place, tables, is_part=True)
     clock_hz = round(table.clock_mhz * _MEGA)
-    part = Part(name, table.title, table.memories, clock_hz, file, table.wait_states, rows, memory, errors, shipped)
+    part = Part(
+        name,
+        table.title,
+        table.memories,
+        clock_hz,
+        table.core,
+        file,
+        table.wait_states,
+        rows,
+        memory,
+        errors,
+        shipped,
+    )
     _check_memories(place, part)
     return part
 

@@ -10,7 +10,7 @@ import bisect
 import io
 import re
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -25,11 +25,43 @@ from hiltest.json_files import read_bounded
 from hiltest.virtual.program.image_formats import convert_to_elf
 from hiltest.virtual.program.signatures import Signature, read_signature, read_subprograms
 
-# Build attributes that the processor supports, from the addenda to the Arm ABI: profile M; v6-M, v6S-M, v7 and v7E-M
-# code; no floating-point instructions, or those of FPv4-SP.
+# Build attributes, from the addenda to the Arm ABI: profile, architecture and floating-point unit.
 _PROFILE_M = ord("M")
-_CORES = {0, 10, 11, 12, 13}
-_FLOATING_POINT = {0, 6}
+_NO_FPU, _FPV4_SP, _FPV5_SP = {0}, {0, 6}, {0, 6, 8}
+_ARCHITECTURES = {
+    10: "Armv7-M",
+    11: "Armv6-M",
+    12: "Armv6S-M",
+    13: "Armv7E-M",
+    16: "Armv8-M Baseline",
+    17: "Armv8-M Mainline",
+    21: "Armv8.1-M Mainline",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Core:
+    """A processor core, and the build attributes of the code that it runs."""
+
+    title: str
+    architectures: Set[int]
+    """Among them 0, which files without the attribute have."""
+    floating_point: Set[int]
+    remedy: str
+    """Options of GCC, for messages."""
+
+
+CORES = {
+    "cortex-m0plus": Core("Cortex-M0+", {0, 11, 12}, _NO_FPU, "-mcpu=cortex-m0plus, or name another --part"),
+    "cortex-m3": Core("Cortex-M3", {0, 10, 11, 12}, _NO_FPU, "-mcpu=cortex-m3, or name another --part"),
+    "cortex-m4": Core("Cortex-M4F", {0, 10, 11, 12, 13}, _FPV4_SP, "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16"),
+    "cortex-m33": Core(
+        "Cortex-M33",
+        {0, 10, 11, 12, 13, 16, 17},
+        _FPV5_SP,
+        "-mcpu=cortex-m33 -mfpu=fpv5-sp-d16, or name another --part",
+    ),
+}
 _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker sets for the whole file
 # The chip has 1 MiB of flash; debug information of large C++ firmware is a hundred times that.
 _LARGEST_BYTES = 256 << 20
@@ -63,7 +95,7 @@ class Symbol:
     is_function: bool
 
 
-def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImage:
+def load_image(source: Path | bytes, *, base: int | None = None, core: str = "cortex-m4") -> FirmwareImage:
     """Parse an ELF, Intel HEX or raw binary; the result is cached by name and content.
 
     Parameters
@@ -72,6 +104,8 @@ def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImag
         File, or its content.
     base
         Address of a raw binary, and of its vector table; by default 0.
+    core
+        Name of the core that must be able to run it, of `CORES`.
 
     Raises
     ------
@@ -79,12 +113,12 @@ def load_image(source: Path | bytes, *, base: int | None = None) -> FirmwareImag
         As for `FirmwareImage`.
     """
     name, content = ("firmware image", source) if isinstance(source, bytes) else _read_file(source)
-    return _parse(name, content, base)
+    return _parse(name, content, base, core)
 
 
 @lru_cache(maxsize=_CACHED_IMAGES)
-def _parse(name: str, content: bytes, base: int | None) -> FirmwareImage:
-    return FirmwareImage(convert_to_elf(name, content, base), name=name, vectors=base or 0)
+def _parse(name: str, content: bytes, base: int | None, core: str) -> FirmwareImage:
+    return FirmwareImage(convert_to_elf(name, content, base), name=name, vectors=base or 0, core=core)
 
 
 def _read_file(path: Path) -> tuple[str, bytes]:
@@ -102,6 +136,8 @@ class FirmwareImage:
         Name for messages.
     vectors
         Address of the vector table.
+    core
+        Name of the core that must be able to run it, of `CORES`.
 
     Raises
     ------
@@ -118,7 +154,9 @@ class FirmwareImage:
         True if its functions pass floats in float registers.
     """
 
-    def __init__(self, source: Path | bytes, *, name: str = "firmware image", vectors: int = 0) -> None:
+    def __init__(
+        self, source: Path | bytes, *, name: str = "firmware image", vectors: int = 0, core: str = "cortex-m4"
+    ) -> None:
         self.vectors = vectors
         self.name, content = (name, source) if isinstance(source, bytes) else _read_file(source)
         # Debug information is read at first use, by any of the boards that share this image.
@@ -126,8 +164,8 @@ class FirmwareImage:
         self._signatures: dict[str, Signature | None] = {}
         try:
             self._elf = ELFFile(io.BytesIO(content))
-            self._check_processor()
             self.hard_float = bool(self._elf.header.e_flags & _HARD_FLOAT)
+            self._check_processor(CORES[core])
             self.segments = self._read_segments()
             self._marks: list[tuple[int, bool]] = []  # address, and whether code begins at it
             self.source_names: set[str] = set()
@@ -141,23 +179,28 @@ class FirmwareImage:
                 "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin, or --base ADDRESS)"
             ) from error
 
-    def _check_processor(self) -> None:
+    def _check_processor(self, core: Core) -> None:
         header = self._elf.header
         if header.e_machine != "EM_ARM" or self._elf.elfclass != 32 or not self._elf.little_endian:
             raise ConfigError(
                 f"{self.name}: built for {header.e_machine} ({self._elf.elfclass} bit), "
-                "the board has an Arm Cortex-M4F; build with arm-none-eabi-gcc -mcpu=cortex-m4"
+                f"the board has an Arm {core.title}; build with arm-none-eabi-gcc {core.remedy}"
             )
         if header.e_type != "ET_EXEC":
             raise ConfigError(f"{self.name}: {header.e_type} is not an executable; link it first")
         attributes = self._attributes()
         profile = attributes.get("TAG_CPU_ARCH_PROFILE", _PROFILE_M)
-        core, floating = attributes.get("TAG_CPU_ARCH", 0), attributes.get("TAG_FP_ARCH", 0)
-        if profile != _PROFILE_M or core not in _CORES or floating not in _FLOATING_POINT:
-            unit = "another core" if profile != _PROFILE_M or core not in _CORES else "another floating-point unit"
+        architecture, floating = attributes.get("TAG_CPU_ARCH", 0), attributes.get("TAG_FP_ARCH", 0)
+        unit = ""
+        if profile != _PROFILE_M or architecture not in core.architectures:
+            unit = _ARCHITECTURES.get(architecture, "") if profile == _PROFILE_M else ""
+            unit = unit or "another core"
+        elif floating not in core.floating_point or (self.hard_float and core.floating_point == _NO_FPU):
+            unit = "another floating-point unit"
+        if unit:
             raise ConfigError(
-                f"{self.name}: its attributes say that it is built for {unit}; the board has a Cortex-M4F: "
-                "build with -mcpu=cortex-m4 -mfpu=fpv4-sp-d16"
+                f"{self.name}: its attributes say that it is built for {unit}, not for a {core.title}: "
+                f"build with {core.remedy}"
             )
 
     def _attributes(self) -> dict[str, Any]:
