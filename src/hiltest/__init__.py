@@ -51,14 +51,15 @@ def cycles(
     Parameters
     ----------
     elf
-        Any program for a Cortex-M4; by default the packaged firmware.
+        Any program for a Cortex-M4, or for the core of the part; by default the packaged firmware.
     profile
         Timing profile; by default ``cortex-m4-trm/3``.
     memory
         Memories of a part other than the MK64FN1M0: ``flash=0x08000000:512K,ram=0x20000000:128K``. By default they
         follow from the ELF if it needs other ones.
     part
-        Chip whose memories and timing are used, such as ``stm32f407``, or a part file (``.toml``).
+        Chip or core whose memories and timing are used, such as ``stm32f407`` or ``generic-m3``, or a part file
+        (``.toml``).
     clock_hz
         Core clock that the functions are called at [Hz], by default the highest one of the part, else 120 MHz. The wait
         states of a part's flash depend on it.

@@ -87,7 +87,7 @@ def refuse_option(context: click.Context, _parameter: click.Parameter, text: str
 @click.option(
     "--part",
     metavar="NAME|FILE",
-    help="Use the memories and the timing of this chip, such as stm32f407, or of a part file.",
+    help="Use the memories and the timing of this chip or core, such as stm32f407 or generic-m3, or of a part file.",
 )
 @click.option(
     "--clock",
@@ -120,8 +120,8 @@ def profile(
 ) -> int:
     """Count the cycles of a function, by function and source line.
 
-    ELF is any program for a Cortex-M4; "shipped" is the packaged firmware. hiltest profile worst searches for the
-    arguments that take the most cycles.
+    ELF is any program for a Cortex-M4, or for the core of --part; "shipped" is the packaged firmware. hiltest profile
+    worst searches for the arguments that take the most cycles.
     """
     from hiltest.boards import default_firmware
     from hiltest.json_files import json_text

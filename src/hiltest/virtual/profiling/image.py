@@ -22,7 +22,7 @@ class ProfiledImage:
     Parameters
     ----------
     elf
-        Any program for a Cortex-M4.
+        Any program for a Cortex-M4, or for the core of the part.
     timing
         Timing profile; by default that of the part, or the default one.
     memory
