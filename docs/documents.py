@@ -29,6 +29,7 @@ from hiltest.commands.report_export import ExportedNumbers
 from hiltest.commands.serve import Served
 from hiltest.commands.timing import Measured, ProfileChecked
 from hiltest.json_files import field_descriptions, schema_text
+from hiltest.judge.judgement import JudgeDocument
 from hiltest.log_fitting.allan_page import Allan
 from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.imu_fit import ImuFitDocument
@@ -76,6 +77,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.decode/1": (Decoded,),
     "hiltest.play/1": (Played,),
     "hiltest.study/1": (StudyDocument,),
+    "hiltest.judge/1": (JudgeDocument,),
 }
 """Classes of each schema, whose fields are the keys."""
 # Documents with many keys have a page that says what they mean.
@@ -90,6 +92,7 @@ PAGES = {
     "hiltest.fit-imu/1": "fit-imu.md",
     "hiltest.flash/1": "flash.md",
     "hiltest.play/1": "playback.md",
+    "hiltest.judge/1": "judge.md",
 }
 # Their pages say what the keys of these mean.
 LONG = {"hiltest.run/1", "hiltest.fit/1", "hiltest.profile/1"}

@@ -51,6 +51,7 @@ PRINTING = {
     "play": ("play", "--rig", "field.toml"),
     "ports": ("ports",),
     "profile": ("profile", "shipped", "crc32", "text:123456789", "9"),
+    "judge": ("judge", "mine.py:calibrate", "--alone"),
     "report": ("report", "run.json"),
     "serve": ("serve", "--no-wait", "--until", "1"),
     "study": ("study", "imu", "--instances", "1", "--jobs", "1"),

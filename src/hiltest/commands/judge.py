@@ -1,0 +1,153 @@
+"""``hiltest judge``: judge any calibrator against the bound and against the clock."""
+
+from __future__ import annotations
+
+import math
+import sys
+from contextlib import ExitStack
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hiltest.commands.options import documented, parsed
+from hiltest.session.settings import DEFAULT_OUT, file_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hiltest.judge.judgement import JudgeDocument
+    from hiltest.judge.worlds import World
+    from hiltest.session.progress_line import ProgressLine
+
+_EXIT_CODES = """
+\b
+FILE is one of:
+  mine.c, mine.cpp     a source, compiled for the Cortex-M4 and for this host
+  mine.elf             any program for a Cortex-M4; --function names its function
+  libmine.so           a shared library of this host
+  mine.py:calibrate    a Python function: samples in, (hard_iron, soft_iron) out
+
+\b
+Exit codes:
+  0   judged, and every --limit holds
+  1   a --limit does not hold
+  2   interrupted
+  4   usage: an option or the file is wrong, or a host function fails
+  20  the function faults or hangs on the virtual core
+  21  regression: more error, more cycles or more refusals than --against
+  22  a --limit names a value that was not measured
+"""
+
+
+@click.command(epilog=_EXIT_CODES)
+@documented("hiltest.judge/1")
+@click.argument("file", required=False)
+@click.option("--function", metavar="NAME", help="Judge this function of the file.  [default: calibrate]")
+@click.option("--part", metavar="NAME|FILE", help="Count the cycles of an ELF with the memories of this chip.")
+@click.option("--against", metavar="FILE", help="Compare with this calibrator, in the same worlds.")
+@click.option(
+    "--limit",
+    "limits",
+    metavar="NAME=MOST",
+    multiple=True,
+    help="Fail if a value is larger, such as bound.p99=1.5 or cycles=20000. Can be repeated.",
+)
+@click.option("--alone", is_flag=True, help="Show the judged calibrators only, without those of hiltest.")
+@click.option(
+    "--init",
+    metavar="FILE.c",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a calibrator to begin with, and hiltest_judge.h beside it, and do nothing else.",
+)
+@click.option(
+    "--out",
+    metavar="DIR",
+    callback=parsed(file_name),
+    help=f"Write judge.json and judge.html to this folder.  [default: {DEFAULT_OUT}/judge]",
+)
+def judge(
+    file: str | None,
+    function: str | None,
+    part: str | None,
+    against: str | None,
+    limits: tuple[str, ...],
+    alone: bool,
+    init: Path | None,
+    out: str | None,
+) -> tuple[int, JudgeDocument]:
+    """Judge a calibrator: errors over the bound, refusals and cycles.
+
+    It calibrates in 500 simulated worlds whose truth is known.
+    """
+    from hiltest import __version__
+    from hiltest.commands.options import ErrorOutput
+    from hiltest.judge.build import HEADER
+    from hiltest.judge.entries import open_entry
+    from hiltest.judge.judge_tables import JSON_FILE, PAGE_FILE, page, print_tables
+    from hiltest.judge.judgement import JudgeDocument, document
+    from hiltest.judge.judgement import judge as judge_entry
+    from hiltest.judge.own_calibrators import own_calibrators
+    from hiltest.judge.worlds import FAMILIES, WORLDS
+    from hiltest.report.console import standard_output
+    from hiltest.run_record.files import write_asked_for, write_document
+    from hiltest.session.progress_line import ProgressLine
+    from hiltest.session.settings import make_folder
+
+    if init is not None:
+        _write_template(init)
+        sentence = f"{init} and {HEADER} are written; judge it with: hiltest judge {init}"
+        click.echo(sentence)
+        return 0, JudgeDocument(__version__, sentence, 0, (), (), None)
+    if file is None:
+        raise click.UsageError("name a FILE, or --init FILE.c to begin with one")
+    wanted = dict(map(_limit, limits))
+    folder = Path(out or f"{DEFAULT_OUT}/judge")
+    make_folder(folder)
+    progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
+    with ExitStack() as stack:
+        opened = [(stack.enter_context(open_entry(file, function, part)), "judged")]
+        if against is not None:
+            opened.append((stack.enter_context(open_entry(against, function, part)), "against"))
+        others = [] if alone else [(entry, "hiltest") for entry in own_calibrators()]
+        entries = [*opened, *others]
+        total, done = len(entries) * WORLDS * len(FAMILIES), count()
+        judged = []
+        for entry, role in entries:
+            progress_of = partial(_show_world, progress, done, total, entry.name)
+            judged.append(judge_entry(entry, role, progress_of))
+    progress.clear()
+    other = judged[1] if against is not None else None
+    result = document(judged[0], judged[len(opened) :], wanted, other)
+    write_document(folder / JSON_FILE, result, "hiltest.judge/1")
+    write_asked_for(folder / PAGE_FILE, page(result))
+    print_tables(standard_output(), result)
+    click.echo(f"{folder}: {JSON_FILE}, {PAGE_FILE}")
+    click.echo(result.sentence)
+    return result.exit_code, result
+
+
+def _write_template(file: Path) -> None:
+    from hiltest.judge.build import HEADER, header_folder
+
+    if file.exists():
+        raise click.UsageError(f"{file} exists and is not overwritten; name another file")
+    for source, target in (("template.c", file), (HEADER, file.with_name(HEADER))):
+        target.write_text((header_folder() / source).read_text(encoding="utf-8"), encoding="utf-8")
+
+
+def _limit(text: str) -> tuple[str, float]:
+    name, equals, most = text.partition("=")
+    try:
+        value = float(most)
+    except ValueError:
+        value = math.nan
+    if not equals or not math.isfinite(value):
+        raise click.UsageError(f"--limit {text}: write NAME=MOST, such as bound.p99=1.5")
+    return name.strip(), value
+
+
+def _show_world(progress: ProgressLine, done: Iterator[int], total: int, name: str, _world: World) -> None:
+    progress("judging", next(done), total, name)

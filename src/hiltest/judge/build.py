@@ -1,0 +1,145 @@
+"""Builds of a source file: an image for the Cortex-M4 and a library for the host, by the compilers that are there."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+from hiltest.virtual.core.c_library import ZIG_REQUIREMENT
+
+HEADER = "hiltest_judge.h"
+"""Header with the contracts."""
+C_SUFFIXES = (".c",)
+CPP_SUFFIXES = (".cc", ".cpp", ".cxx")
+FLAGS = "-O2"
+_CPU_FLAGS = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+_SPLIT_FLAGS = ("-ffunction-sections", "-fdata-sections")
+_CPP_FLAGS = ("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics")
+_ZIG_TARGET = (
+    "-target",
+    "thumb-linux-musleabihf",
+    "-mcpu=cortex_m4",
+)  # with the C library musl, which zig brings along
+_TIMEOUT_S = 600.0  # zig compiles its C library at first use, which takes a minute or two
+_LONGEST_MESSAGE = 2000
+# Code from SRAM_L and data in SRAM_U of the MK64FN1M0, where nothing waits.
+_LINKER_SCRIPT = """\
+ENTRY({function})
+MEMORY
+{{
+    code (rx) : ORIGIN = 0x1fff0000, LENGTH = 64K
+    data (rw) : ORIGIN = 0x20000000, LENGTH = 128K
+}}
+SECTIONS
+{{
+    .text : {{ *(.text .text.*) *(.rodata .rodata.*) }} > code
+    .ARM.exidx : {{ *(.ARM.exidx* .ARM.extab*) }} > code
+    .init_array : {{ *(.init_array .init_array.*) }} > code
+    .data : {{ *(.data .data.*) }} > data
+    .bss : {{ *(.bss .bss.*) *(COMMON) }} > data
+    end = .;
+}}
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """A file that a compiler wrote."""
+
+    file: Path
+    built_by: str
+    """Compiler with its version, and flags."""
+
+
+def is_source(file: Path) -> bool:
+    """Return whether a file is a source in C or C++."""
+    return file.suffix in (*C_SUFFIXES, *CPP_SUFFIXES)
+
+
+def header_folder() -> Path:
+    """Return the folder of `HEADER` and of the template."""
+    return Path(str(resources.files("hiltest.judge")))
+
+
+def build_image(source: Path, function: str, folder: Path) -> Build:
+    """Compile a source for the Cortex-M4.
+
+    Parameters
+    ----------
+    function
+        Function that must be in the image.
+    folder
+        Folder of the image.
+
+    Raises
+    ------
+    ConfigError
+        If there is no compiler, or the source cannot be compiled; with the compiler's first messages.
+    """
+    script, image, start = folder / "judged.ld", folder / f"{source.stem}.elf", folder / "start.c"
+    script.write_text(_LINKER_SCRIPT.format(function=function), encoding="utf-8")
+    is_cpp = source.suffix in CPP_SUFFIXES
+    language = _CPP_FLAGS if is_cpp else ()
+    common = [FLAGS, "-g", *_SPLIT_FLAGS, *language, "-I", str(header_folder()), "-T", str(script)]
+    common += [f"-Wl,--gc-sections,-u,{function}", "-o", str(image), str(source)]
+    if command := shutil.which("arm-none-eabi-g++" if is_cpp else "arm-none-eabi-gcc"):
+        _run(
+            [command, *_CPU_FLAGS, "-nostartfiles", "--specs=nosys.specs", "-Wl,--no-warnings", *common, "-lm"], source
+        )
+        return Build(image, f"{_version([command])} {FLAGS}")
+    zig = _zig(is_cpp=is_cpp)
+    start.write_text("int main(void) { return 0; }\n", encoding="utf-8")  # its C library wants one
+    _run([*zig, *_ZIG_TARGET, "-static", *common, str(start), "-lm"], source)
+    return Build(image, f"{_version(zig)} {FLAGS}")
+
+
+def build_library(source: Path, folder: Path) -> Build:
+    """Compile a source for this machine, as a shared library.
+
+    Raises
+    ------
+    ConfigError
+        As `build_image` does.
+    """
+    library = folder / f"{source.stem}.so"
+    is_cpp = source.suffix in CPP_SUFFIXES
+    names = ("c++", "g++", "clang++") if is_cpp else ("cc", "gcc", "clang")
+    command = next(([path] for name in names if (path := shutil.which(name))), None) or _zig(is_cpp=is_cpp)
+    options = [FLAGS, "-fPIC", "-shared", "-I", str(header_folder()), "-o", str(library), str(source), "-lm"]
+    _run([*command, *options], source)
+    return Build(library, f"{_version(command)} {FLAGS}")
+
+
+def _zig(*, is_cpp: bool) -> list[str]:
+    if find_spec("ziglang") is None:
+        raise ConfigError(
+            "there is no compiler for the Cortex-M4: install arm-none-eabi-gcc (Debian: gcc-arm-none-eabi, "
+            f"libnewlib-arm-none-eabi), or the Python package {ZIG_REQUIREMENT!r} (pip install 'hiltest[judge]')"
+        )
+    return [sys.executable, "-m", "ziglang", "c++" if is_cpp else "cc"]
+
+
+def _run(command: Sequence[str], source: Path) -> None:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
+    except subprocess.TimeoutExpired as error:
+        raise ConfigError(f"{source}: the compiler did not end within {_TIMEOUT_S:.0f} s") from error
+    if done.returncode:
+        message = (done.stderr or done.stdout).strip()[:_LONGEST_MESSAGE]
+        raise ConfigError(f"{source}: {Path(command[0]).name} cannot compile it:\n{message}")
+
+
+def _version(command: Sequence[str]) -> str:
+    """Return the name and the version of a compiler."""
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
+    name = "zig" if "ziglang" in command else Path(command[0]).name
+    version = re.search(r"\d+(?:\.\d+)+", done.stdout)
+    return f"{name} {version[0]}" if version else name

@@ -1,0 +1,125 @@
+"""Entries from what a user names: a source, a library, a Python function, or an image for a Cortex-M4."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hiltest.errors import ConfigError
+from hiltest.json_files import read_bounded
+from hiltest.judge.answers import Answer, Entry
+from hiltest.judge.build import build_image, build_library, is_source
+from hiltest.judge.host_calibrator import HostCalibrator
+from hiltest.judge.image_calibrator import CALIBRATE, CALIBRATE_PAIRS, ImageCalibrator
+from hiltest.judge.worlds import RIG, World
+
+_PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
+_ELF_MAGIC, _ARM = b"\x7fELF", 40
+_LARGEST_BYTES = 64 << 20
+
+
+class SourceCalibrator:
+    """A calibrator from a source: answers and cycles of the emulated core, time of the host.
+
+    Parameters
+    ----------
+    host
+        The same source on the host; None if it cannot be compiled there.
+    """
+
+    def __init__(self, image: ImageCalibrator, host: HostCalibrator | None) -> None:
+        self.name, self.built_by, self.flash_bytes = image.name, image.built_by, image.flash_bytes
+        self._image, self._host = image, host
+
+    @property
+    def cycle_model(self) -> str:
+        return self._image.cycle_model
+
+    def answer(self, world: World) -> Answer:
+        """Calibrate from the samples of a world."""
+        answer = self._image.answer(world)
+        if self._host is None or world.family != RIG:
+            return answer
+        return replace(answer, host_us=self._host.answer(world).host_us)
+
+
+@contextmanager
+def open_entry(named: str, function: str | None, part: str | None = None) -> Iterator[Entry]:
+    """Open an entry.
+
+    Parameters
+    ----------
+    named
+        A source (``.c``, ``.cc``, ``.cpp``, ``.cxx``), a shared library, ``module.py:function``, or an ELF for a
+        Cortex-M4.
+    function
+        Function of a file; by default that of the contract.
+    part
+        Part of an image.
+
+    Raises
+    ------
+    ConfigError
+        If the file is none of these, cannot be compiled or loaded, or has no such function.
+    """
+    with ExitStack() as stack:
+        if python := _PYTHON.fullmatch(named):
+            file, name = Path(python["file"]), python["function"]
+            pairs = _python_takes_pairs(file, name)
+            yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
+            return
+        file = Path(named)
+        content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a source, a library or an ELF")
+        if file.suffix == ".py":
+            raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
+        if is_source(file):
+            yield _open_source(stack, file, content, function, part)
+        elif content[:4] != _ELF_MAGIC:
+            raise ConfigError(
+                f"{named} is neither a source (.c, .cpp), a shared library, module.py:function, nor an ELF for a "
+                "Cortex-M4"
+            )
+        elif int.from_bytes(content[18:20], "little") == _ARM:
+            yield ImageCalibrator(named, file, function or CALIBRATE, part=part)
+        else:
+            name = function or CALIBRATE
+            pairs = name == CALIBRATE_PAIRS
+            yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
+
+
+def _open_source(
+    stack: ExitStack, file: Path, content: bytes, function: str | None, part: str | None
+) -> SourceCalibrator:
+    name = function or _contract_in(content)
+    if name.encode() not in content:
+        raise ConfigError(f"{file}: no function {name}; define it as hiltest_judge.h says, or name another: --function")
+    folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
+    build = build_image(file, name, folder)
+    image = ImageCalibrator(str(file), build.file, name, built_by=build.built_by, part=part)
+    library = build_library(file, folder)
+    host = HostCalibrator(str(file), library.file, name, takes_pairs=image.takes_pairs)
+    return SourceCalibrator(image, stack.enter_context(host))
+
+
+def _contract_in(content: bytes) -> str:
+    """Return the function of the contract that a source defines."""
+    text = content.decode("utf-8", errors="replace")
+    return CALIBRATE_PAIRS if re.search(rf"\b{CALIBRATE_PAIRS}\s*\(", text) else CALIBRATE
+
+
+def _python_takes_pairs(file: Path, name: str) -> bool:
+    """Return whether a Python function has two parameters, without importing it."""
+    content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a Python file")
+    try:
+        tree = ast.parse(content, str(file))
+    except (SyntaxError, ValueError) as error:
+        raise ConfigError(f"{file}: {error}") from error
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name == name:
+            return len(node.args.posonlyargs) + len(node.args.args) - len(node.args.defaults) > 1
+    return False

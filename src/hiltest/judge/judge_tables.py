@@ -1,0 +1,158 @@
+"""Tables of judged entries for a terminal, and the page with the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hiltest.judge.judgement import ALL, EntryResult, Estimate, JudgeDocument, ranks_with
+from hiltest.judge.worlds import FAMILIES, RIG, WORLDS
+from hiltest.report.marks import KeyEntry, series
+from hiltest.report.page import render
+from hiltest.report.svg import Figure
+from hiltest.text import format_number
+
+PAGE_FILE, JSON_FILE = "judge.html", "judge.json"
+HEADINGS = (
+    "calibrator",
+    "x bound",
+    "interval",
+    "99 %",
+    "worst [deg]",
+    "refused",
+    "no ellipsoid",
+    "cycles",
+    "range",
+    "other compiler",
+    "stack",
+    "flash",
+)
+FAMILY_HEADINGS = ("worlds", "x bound", "interval", "99 %", "interval", "refused", "refused would err [deg]")
+
+
+def print_tables(console: Console, judged: JudgeDocument) -> None:
+    """Print all entries, and the families of the judged one."""
+    first = judged.entries[0]
+    table = _table("", HEADINGS)
+    for entry in judged.entries:
+        table.add_row(*map(escape, entry_row(entry, first)), style="bold" if entry.role == "judged" else "")
+    console.print(table)
+    families = _table(first.name, FAMILY_HEADINGS)
+    for row in family_rows(first):
+        families.add_row(*row)
+    console.print(families)
+
+
+def _table(title: str, headings: Sequence[str]) -> Table:
+    table = Table(
+        title=escape(title) or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
+    )
+    for number, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if number else "left")
+    return table
+
+
+def entry_row(entry: EntryResult, first: EntryResult) -> tuple[str, ...]:
+    """Return a row under `HEADINGS`; cycles that do not rank with those of the first entry are in another column."""
+    rig, whole, cost = entry.family(RIG), entry.family(ALL), entry.cost
+    cycles = format_number(cost.cycles) if cost.cycles else ""
+    is_ranked = entry is first or not first.cost.cycles or ranks_with(entry, first)
+    return (
+        entry.name,
+        _value(whole.median),
+        _interval(whole.median),
+        _value(whole.p99),
+        _value(rig.worst_deg),
+        str(whole.refused),
+        str(whole.no_ellipsoid),
+        cycles if is_ranked else "",
+        f"{format_number(cost.low)} to {format_number(cost.high)}" if cost.low and cost.high else "",
+        "" if is_ranked else cycles,
+        "" if cost.stack_bytes is None else format_number(cost.stack_bytes),
+        "" if cost.flash_bytes is None else format_number(cost.flash_bytes),
+    )
+
+
+def family_rows(entry: EntryResult) -> Iterator[tuple[str, ...]]:
+    """Yield a row under `FAMILY_HEADINGS` for each family."""
+    titles = {family.name: f"{family.name}: {family.title}" for family in FAMILIES} | {ALL: "all"}
+    for result in entry.families:
+        yield (
+            titles[result.family],
+            _value(result.median),
+            _interval(result.median),
+            _value(result.p99),
+            _interval(result.p99),
+            str(result.refused),
+            "" if result.refused_deg is None else f"{result.refused_deg:.1f}",
+        )
+
+
+def _value(estimate: Estimate | None) -> str:
+    return "" if estimate is None else f"{estimate.value:.2f}"
+
+
+def _measured(value: float | None) -> str:
+    return "not measured" if value is None else f"{value:g}"
+
+
+def _interval(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return ""
+    low, high = ("?" if end is None else f"{end:.2f}" for end in (estimate.low, estimate.high))
+    return f"{low} to {high}"
+
+
+def page(judged: JudgeDocument) -> str:
+    """Return the page: sentence, picture and tables."""
+    return render(
+        "judge.html.j2",
+        package="hiltest.judge",
+        judged=judged,
+        figure=_figure(judged.entries),
+        headings=HEADINGS,
+        rows=[entry_row(entry, judged.entries[0]) for entry in judged.entries],
+        family_headings=FAMILY_HEADINGS,
+        families=[(entry, list(family_rows(entry))) for entry in judged.entries if entry.role != "hiltest"],
+        limits=[(limit.name, _measured(limit.value), f"{limit.most:g}") for limit in judged.limits],
+        worlds=WORLDS * len(FAMILIES),
+    )
+
+
+def _figure(entries: Sequence[EntryResult]) -> Figure | None:
+    """Draw the error over the bound against cycles; None without two entries that have both."""
+    drawn = [
+        (entry, float(entry.cost.cycles), whole.median, whole.p99.value)
+        for entry in entries
+        if entry.cost.cycles and (whole := entry.family(ALL)).median and whole.p99
+    ]
+    if len(drawn) < 2:  # one dot is no comparison
+        return None
+    xs, ys = [cycles for _, cycles, _, _ in drawn], [y for *_, middle, high in drawn for y in (middle.value, high)]
+    figure = Figure(
+        title="Error over bound against cycles",
+        description="; ".join(
+            f"{entry.name}: {middle.value:.2f} times the bound in the median, {high:.2f} in the 99th percentile, for "
+            f"{cycles:.0f} cycles"
+            for entry, cycles, middle, high in drawn
+        ),
+        x_label="cycles for 100 points",
+        y_label="rms heading error / bound",
+        x_range=(min(xs) / 1.5, max(xs) * 1.5),
+        y_range=(min(0.5, *ys) / 1.1, max(ys) * 1.2),
+        log_x=True,
+        log_y=True,
+        width=720.0,
+        height=360.0,
+    )
+    for number, (entry, cycles, middle, high) in enumerate(drawn):
+        style, mark = series(number)
+        figure.bars([(cycles, middle.value, high)], style)
+        figure.series(entry.name, [(cycles, middle.value)], mark=mark, mark_style=f"{style} filled", radius=5.0)
+    figure.level(1.0, "limit")
+    figure.key.append(KeyEntry("bound", "limit"))
+    return figure

@@ -1,0 +1,320 @@
+"""Numbers of judged entries, with their confidence intervals, and limits on them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from scipy.stats import binom
+
+from hiltest import __version__
+from hiltest.errors import ConfigError, nearest_hint
+from hiltest.judge.answers import Answer, Entry, Outcome, Rating, rate
+from hiltest.judge.worlds import FAMILIES, RIG, World, draw_worlds
+
+ALL = "all"
+"""Name of the row over all families."""
+_CONFIDENCE = 0.95
+_P99 = 0.99
+_DIGITS = 6  # degrees and ratios are the same on every host to this many
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A quantile over worlds, with the interval that contains the true one at 95 % confidence."""
+
+    value: float
+    low: float | None
+    high: float | None
+    """None if the worlds are too few for an end."""
+
+
+@dataclass(frozen=True, slots=True)
+class FamilyResult:
+    """An entry in the worlds of one family."""
+
+    family: str
+    worlds: int
+    refused: int
+    no_ellipsoid: int
+    """Number of answers that are not finite, singular or mirrored."""
+    median: Estimate | None
+    p99: Estimate | None
+    """rms heading error of accepted answers as multiples of the Cramér-Rao bound; None if there are none."""
+    worst_deg: Estimate | None
+    """Median over worlds of the largest heading error at the poses, of means of 16 samples [deg]."""
+    refused_deg: float | None
+    """Median rms heading error that refused calibrations would have had [deg]; None if there were none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Cost of a calibration."""
+
+    cycles: int | None
+    low: int | None
+    high: int | None
+    """Cycles of 100 points of the default rig, and their uncertainty range."""
+    most_cycles: int | None
+    """Most cycles in any world."""
+    stack_bytes: int | None
+    flash_bytes: int | None
+    host_us: float | None
+    """Median time on the host over the worlds of the default rig; it depends on the host [us]."""
+
+
+@dataclass(frozen=True, slots=True)
+class EntryResult:
+    """Result of one entry."""
+
+    name: str
+    role: str
+    """``judged``, ``against`` or ``hiltest``."""
+    built_by: str
+    """Compiler and flags; counts of different compilers are not ranked."""
+    cycle_model: str
+    cost: Cost
+    families: tuple[FamilyResult, ...]
+    """One for each family, and one for all together."""
+
+    def family(self, name: str) -> FamilyResult:
+        """Return the result in a family."""
+        return next(result for result in self.families if result.family == name)
+
+
+@dataclass(frozen=True, slots=True)
+class LimitResult:
+    """A limit, and whether the judged entry is within it."""
+
+    name: str
+    most: float
+    value: float | None
+    """None if it was not measured; the limit is then not evaluated."""
+
+    @property
+    def holds(self) -> bool | None:
+        return None if self.value is None else self.value <= self.most
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Errors and cycles of the judged entry, relative to those of another one in the same worlds."""
+
+    error: Estimate | None
+    """Median ratio of the rms heading errors; None if no world has an answer of both."""
+    cycles: float | None
+    """Ratio of the cycles; None if compilers or cycle models differ."""
+    more_refused: int
+
+    @property
+    def is_worse(self) -> bool:
+        errs_more = self.error is not None and self.error.low is not None and self.error.low > 1.0
+        return errs_more or (self.cycles or 1.0) > 1.0 or self.more_refused > 0
+
+
+@dataclass(frozen=True, slots=True)
+class JudgeDocument:
+    """Result of `hiltest judge`."""
+
+    hiltest: str
+    sentence: str
+    exit_code: int
+    entries: tuple[EntryResult, ...]
+    """The judged one first."""
+    limits: tuple[LimitResult, ...]
+    comparison: Comparison | None
+    """Comparison with ``--against``; null without."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """An entry with all ratings, by the name of the world."""
+
+    result: EntryResult
+    ratings: Mapping[str, Rating]
+
+
+def judge(entry: Entry, role: str, tell: Callable[[World], None] = lambda _world: None) -> Judged:
+    """Judge an entry in all worlds.
+
+    Parameters
+    ----------
+    tell
+        Is called before each world.
+    """
+    answers: dict[str, Answer] = {}
+    ratings: dict[str, Rating] = {}
+    by_family: dict[str, list[str]] = {}
+    for family in FAMILIES:
+        for world in draw_worlds(family):
+            tell(world)
+            answers[world.name] = answer = entry.answer(world)
+            ratings[world.name] = rate(answer, world)
+            by_family.setdefault(family.name, []).append(world.name)
+    families = [_family_result(name, [ratings[world] for world in worlds]) for name, worlds in by_family.items()]
+    families.append(_family_result(ALL, list(ratings.values())))
+    cost = _cost(entry, [answers[world] for world in by_family[RIG]], list(answers.values()))
+    return Judged(EntryResult(entry.name, role, entry.built_by, entry.cycle_model, cost, tuple(families)), ratings)
+
+
+def _family_result(name: str, ratings: Sequence[Rating]) -> FamilyResult:
+    accepted = [rating for rating in ratings if rating.outcome is Outcome.ACCEPTED]
+    refused = [rating for rating in ratings if rating.outcome is Outcome.REFUSED]
+    over_bound = [rating.over_bound for rating in accepted if rating.over_bound is not None]
+    would_be = [rating.rms_deg for rating in refused if rating.rms_deg is not None]
+    return FamilyResult(
+        name,
+        len(ratings),
+        len(refused),
+        sum(rating.outcome is Outcome.NO_ELLIPSOID for rating in ratings),
+        quantile(over_bound, 0.5),
+        quantile(over_bound, _P99),
+        quantile([rating.worst_deg for rating in accepted if rating.worst_deg is not None], 0.5),
+        round(median(would_be), _DIGITS) if would_be else None,
+    )
+
+
+def _cost(entry: Entry, of_rig: Sequence[Answer], answers: Sequence[Answer]) -> Cost:
+    first = of_rig[0]
+    times = [answer.host_us for answer in of_rig if answer.host_us is not None]
+    stacks = [answer.stack_bytes for answer in answers if answer.stack_bytes is not None]
+    counts = [answer.cycles for answer in answers if answer.cycles is not None]
+    band = first.band
+    return Cost(
+        first.cycles,
+        band.low if band else None,
+        band.high if band else None,
+        max(counts, default=None),
+        max(stacks, default=None),
+        entry.flash_bytes,
+        round(median(times), 1) if times else None,
+    )
+
+
+def quantile(values: Sequence[float], share: float) -> Estimate | None:
+    """Return a quantile with its interval from order statistics; None without values.
+
+    The number of values below the true quantile has a binomial distribution, whatever that of the values is (David and
+    Nagaraja, Order Statistics, 2003, section 7.1).
+    """
+    if not values:
+        return None
+    ordered = sorted(values)
+    count = len(ordered)
+    low, high = (int(binom.ppf(tail, count, share)) for tail in ((1 - _CONFIDENCE) / 2, (1 + _CONFIDENCE) / 2))
+    return Estimate(
+        round(ordered[max(math.ceil(share * count), 1) - 1], _DIGITS),
+        round(ordered[low - 1], _DIGITS) if low >= 1 else None,
+        round(ordered[high], _DIGITS) if high < count else None,
+    )
+
+
+def compare(judged: Judged, against: Judged) -> Comparison:
+    """Compare two entries in the same worlds."""
+    both = [
+        math.log(mine.rms_deg / other.rms_deg)
+        for world, mine in judged.ratings.items()
+        if (other := against.ratings[world]).outcome is mine.outcome is Outcome.ACCEPTED
+        and mine.rms_deg
+        and other.rms_deg
+    ]
+    logs = quantile(both, 0.5)
+    error = None
+    if logs is not None:
+        low, high = (None if end is None else math.exp(end) for end in (logs.low, logs.high))
+        error = Estimate(math.exp(logs.value), low, high)
+    new, old = judged.result, against.result
+    can_rank = ranks_with(new, old) and new.cost.cycles and old.cost.cycles
+    cycles = (new.cost.cycles or 0) / (old.cost.cycles or 1) if can_rank else None
+    unusable = [entry.family(ALL).refused + entry.family(ALL).no_ellipsoid for entry in (new, old)]
+    return Comparison(error, cycles, unusable[0] - unusable[1])
+
+
+def ranks_with(one: EntryResult, other: EntryResult) -> bool:
+    """Return whether the cycles of two entries can be ranked: one cycle model, and one compiler that is known."""
+    compilers = [_compiler(entry.built_by) for entry in (one, other)]
+    return one.cycle_model == other.cycle_model and compilers[0] == compilers[1] != ""
+
+
+def _compiler(built_by: str) -> str:
+    """Return a compiler and its version from a text such as ``arm-none-eabi-gcc 12.2.1 -O2``."""
+    words = built_by.split()
+    return " ".join(words[:2]) if len(words) > 1 and words[1][:1].isdigit() else ""
+
+
+def limit_values(result: EntryResult) -> dict[str, float | None]:
+    """Return the values that limits may name."""
+    values: dict[str, float | None] = {}
+    for family in result.families:
+        prefix = "bound" if family.family == ALL else f"bound.{family.family}"
+        values[f"{prefix}.median"] = family.median.value if family.median else None
+        values[f"{prefix}.p99"] = family.p99.value if family.p99 else None
+    whole, rig, cost = result.family(ALL), result.family(RIG), result.cost
+    values |= {
+        "worst": rig.worst_deg.value if rig.worst_deg else None,
+        "refused": whole.refused,
+        "no_ellipsoid": whole.no_ellipsoid,
+        "cycles": cost.cycles,
+        "cycles.most": cost.most_cycles,
+        "stack": cost.stack_bytes,
+        "flash": cost.flash_bytes,
+        "us": cost.host_us,
+    }
+    return values
+
+
+def check_limits(result: EntryResult, limits: Mapping[str, float]) -> Iterator[LimitResult]:
+    """Yield the limits with the values of an entry.
+
+    Raises
+    ------
+    ConfigError
+        If a limit names no value.
+    """
+    values = limit_values(result)
+    for name, most in limits.items():
+        if name not in values:
+            raise ConfigError(f"--limit {name}: no such value{nearest_hint(name, list(values))}")
+        yield LimitResult(name, most, values[name])
+
+
+def document(
+    judged: Judged, others: Sequence[Judged], limits: Mapping[str, float], against: Judged | None = None
+) -> JudgeDocument:
+    """Return the document, with the sentence and the exit code."""
+    checked = tuple(check_limits(judged.result, limits))
+    comparison = compare(judged, against) if against else None
+    entries = tuple(entry.result for entry in (judged, *([against] if against else []), *others))
+    failed = [limit for limit in checked if limit.holds is False]
+    missing = [limit for limit in checked if limit.holds is None]
+    if failed:
+        code, word = 1, f"FAIL: {_limit_words(failed[0])}"
+    elif missing:
+        code, word = 22, f"NOT EVALUATED: {missing[0].name} was not measured"
+    elif comparison and comparison.is_worse:
+        code, word = 21, "REGRESSION"
+    else:
+        code, word = 0, "PASS"
+    return JudgeDocument(
+        __version__, f"{word}. {describe(judged.result, comparison, against)}", code, entries, checked, comparison
+    )
+
+
+def _limit_words(limit: LimitResult) -> str:
+    return f"{limit.name} {limit.value:g} (limit {limit.most:g})"
+
+
+def describe(result: EntryResult, comparison: Comparison | None = None, against: Judged | None = None) -> str:
+    """Return a sentence on an entry."""
+    rig, whole, cycles = result.family(RIG), result.family(ALL), result.cost.cycles
+    errors = "no accepted answer" if rig.median is None else f"{rig.median.value:.2f} x the bound on the default rig"
+    if whole.median:
+        errors += f", {whole.median.value:.2f} x over all worlds"
+    cost = f", {cycles:_} cycles".replace("_", " ") if cycles else ""
+    text = f"{result.name}: {errors}{cost}"
+    if comparison and against and comparison.error:
+        ratio = f"{comparison.cycles:.2f} x its cycles" if comparison.cycles else "cycles of another compiler"
+        text += f"; {comparison.error.value:.2f} x the error of {against.result.name}, {ratio}"
+    return f"{text}."

@@ -1,0 +1,140 @@
+"""Numbers of `hiltest judge`: quantiles with intervals, comparisons, limits and exit codes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from hiltest.errors import ConfigError
+from hiltest.judge.answers import Answer, Outcome, rate
+from hiltest.judge.judgement import ALL, Estimate, Judged, check_limits, compare, document, judge, quantile
+from hiltest.judge.worlds import FAMILIES, RIG, World, draw_world
+
+
+class Truth:
+    """An entry that knows the truth, with an error of the hard iron."""
+
+    name, built_by, cycle_model, flash_bytes = "truth", "gcc 12.2.1 -O2", "model/1@sram", 100
+
+    def __init__(self, error_ut: float, cycles: int | None = 1000, refused: tuple[int, ...] = ()) -> None:
+        self._error_ut, self._cycles, self._refused = error_ut, cycles, refused
+
+    def answer(self, world: World) -> Answer:
+        hard_iron_ut = world.hard_iron_ut + np.array([self._error_ut, 0.0, 0.0])
+        is_refused = world.family == RIG and world.number in self._refused
+        return Answer(is_refused, hard_iron_ut, np.linalg.inv(world.soft_iron), cycles=self._cycles)
+
+
+@pytest.fixture(scope="module")
+def small() -> Judged:
+    return judge(Truth(0.1), "judged")
+
+
+@pytest.fixture(scope="module")
+def large() -> Judged:
+    return judge(Truth(0.2, cycles=900, refused=(3, 4)), "against")
+
+
+def test_the_interval_of_a_quantile_contains_the_true_one_in_95_of_100_samples() -> None:
+    random = np.random.default_rng(1)
+    for share in (0.5, 0.99):
+        estimates = [quantile(random.standard_normal(500).tolist(), share) for _ in range(1000)]
+        true = norm.ppf(share)
+        inside = [
+            estimate is not None and (estimate.low or -9.0) <= true <= (9.0 if estimate.high is None else estimate.high)
+            for estimate in estimates
+        ]
+        assert 0.93 < np.mean(inside) < 0.99  # order statistics are discrete, so that it is at least 0.95
+
+
+@given(st.lists(st.floats(0.0, 1e3), max_size=200), st.sampled_from([0.5, 0.99]))
+def test_an_interval_contains_its_value(values: list[float], share: float) -> None:
+    estimate = quantile(values, share)
+    assert (estimate is None) == (not values)
+    if estimate is not None:
+        assert estimate.low is None or estimate.low <= estimate.value + 1e-6
+        assert estimate.high is None or estimate.value <= estimate.high + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("soft_iron", "outcome"),
+    [
+        (np.eye(3), Outcome.ACCEPTED),
+        (np.diag([1.0, 1.0, -1.0]), Outcome.NO_ELLIPSOID),
+        (np.diag([1.0, 1.0, 0.0]), Outcome.NO_ELLIPSOID),
+        (np.diag([1.0, 1.0, np.nan]), Outcome.NO_ELLIPSOID),
+        (np.diag([1.0, np.inf, 1.0]), Outcome.NO_ELLIPSOID),
+    ],
+    ids=["identity", "mirrored", "singular", "not a number", "infinite"],
+)
+def test_an_answer_that_is_no_ellipsoid_has_no_error(soft_iron: np.ndarray, outcome: Outcome) -> None:
+    world = draw_world(FAMILIES[0], 1)
+    rating = rate(Answer(False, world.hard_iron_ut, soft_iron), world)
+    assert rating.outcome is outcome
+    assert (rating.rms_deg is None) == (outcome is Outcome.NO_ELLIPSOID)
+    assert rate(Answer(True, world.hard_iron_ut, soft_iron), world).outcome is Outcome.REFUSED
+
+
+def test_refused_calibrations_are_counted_with_the_error_that_they_would_have_had(large: Judged) -> None:
+    rig = large.result.family(RIG)
+    assert (rig.worlds, rig.refused, rig.no_ellipsoid) == (100, 2, 0)
+    # 0.2 uT in a horizontal field of 22.8 uT: at most 0.50 deg, times a sine over the headings.
+    assert rig.refused_deg == pytest.approx(0.5 / np.sqrt(2.0), abs=0.1)
+    assert large.result.family(ALL).refused == 2
+
+
+def test_twice_the_error_is_twice_the_error(small: Judged, large: Judged) -> None:
+    comparison = compare(large, small)
+    assert comparison.error is not None
+    assert comparison.error.value == pytest.approx(2.0, abs=0.01)  # errors of 0.5 deg are linear to a hundredth
+    assert (comparison.cycles, comparison.more_refused, comparison.is_worse) == (0.9, 2, True)
+    back = compare(small, large)
+    assert (back.cycles, back.more_refused, back.is_worse) == (pytest.approx(10 / 9), -2, True)
+
+
+def test_cycles_of_another_compiler_or_an_unknown_one_are_not_ranked(small: Judged, large: Judged) -> None:
+    for built_by in ("zig 0.14.0 -O2", "", "-O2 -mthumb"):
+        other = Judged(replace(large.result, built_by=built_by), large.ratings)
+        assert compare(small, other).cycles is None
+        assert compare(other, other).cycles == (1.0 if built_by.startswith("zig") else None)
+
+
+@pytest.mark.parametrize(
+    ("limits", "code"),
+    [
+        ({}, 0),
+        ({"cycles": 1000.0, "refused": 0.0}, 0),
+        ({"cycles": 999.0}, 1),
+        ({"bound.p99": 1e-3}, 1),
+        ({"us": 100.0}, 22),
+        ({"us": 100.0, "cycles": 999.0}, 1),
+    ],
+    ids=["none", "held", "cycles", "bound", "not measured", "both"],
+)
+def test_limits_decide_the_exit_code(small: Judged, limits: dict[str, float], code: int) -> None:
+    result = document(small, [], limits)
+    assert result.exit_code == code
+    assert [(limit.name, limit.most) for limit in result.limits] == list(limits.items())
+
+
+def test_more_cycles_than_the_other_are_a_regression_but_a_missed_limit_comes_first(
+    small: Judged, large: Judged
+) -> None:
+    assert document(small, [], {}, large).exit_code == 21
+    assert document(small, [], {"cycles": 1.0}, large).exit_code == 1
+    assert document(small, [], {}, small).exit_code == 0
+
+
+def test_a_limit_of_no_value_is_refused_with_a_near_name(small: Judged) -> None:
+    with pytest.raises(ConfigError, match=r"--limit bound\.p9: no such value.*bound\.p99"):
+        list(check_limits(small.result, {"bound.p9": 1.0}))
+
+
+def test_too_few_worlds_leave_the_upper_end_open() -> None:
+    assert quantile([float(k) for k in range(1, 101)], 0.99) == Estimate(99.0, 97.0, None)
+    assert quantile([float(k) for k in range(1, 101)], 0.5) == Estimate(50.0, 40.0, 61.0)
