@@ -78,7 +78,7 @@ def judge(
     init: Path | None,
     out: str | None,
 ) -> tuple[int, JudgeDocument]:
-    """Judge a calibrator: errors over the bound, refusals and cycles.
+    """Judge a calibrator by its errors, refusals and cycles.
 
     It calibrates in 500 simulated worlds whose truth is known.
     """
