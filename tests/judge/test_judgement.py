@@ -12,7 +12,17 @@ from scipy.stats import norm
 
 from hiltest.errors import ConfigError
 from hiltest.judge.answers import Answer, Outcome, rate
-from hiltest.judge.judgement import ALL, Estimate, Judged, check_limits, compare, document, judge, quantile
+from hiltest.judge.judgement import (
+    ALL,
+    Estimate,
+    Judged,
+    check_limits,
+    compare,
+    document,
+    judge,
+    quantile,
+    root_mean_square,
+)
 from hiltest.judge.worlds import FAMILIES, RIG, World, draw_world
 
 
@@ -50,6 +60,13 @@ def test_the_interval_of_a_quantile_contains_the_true_one_in_95_of_100_samples()
             for estimate in estimates
         ]
         assert 0.93 < np.mean(inside) < 0.99  # order statistics are discrete, so that it is at least 0.95
+
+
+def test_the_interval_of_a_root_mean_square_contains_the_true_one_in_95_of_100_samples() -> None:
+    random = np.random.default_rng(2)
+    estimates = [root_mean_square(random.standard_normal(500).tolist()) for _ in range(1000)]
+    inside = [estimate is not None and (estimate.low or 0.0) <= 1.0 <= (estimate.high or 9.0) for estimate in estimates]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)  # three deviations of a share of 1000
 
 
 @given(st.lists(st.floats(0.0, 1e3), max_size=200), st.sampled_from([0.5, 0.99]))

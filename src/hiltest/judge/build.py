@@ -141,5 +141,5 @@ def _version(command: Sequence[str]) -> str:
     """Return the name and the version of a compiler."""
     done = subprocess.run([*command, "--version"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
     name = "zig" if "ziglang" in command else Path(command[0]).name
-    version = re.search(r"\d+(?:\.\d+)+", done.stdout)
-    return f"{name} {version[0]}" if version else name
+    versions = sorted(re.findall(r"\d+(?:\.\d+)+", done.stdout.partition("\n")[0]), key=lambda text: text.count("."))
+    return f"{name} {versions[-1]}" if versions else name

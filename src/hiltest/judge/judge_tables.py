@@ -21,6 +21,7 @@ HEADINGS = (
     "calibrator",
     "x bound",
     "interval",
+    "median",
     "99 %",
     "worst [deg]",
     "refused",
@@ -31,28 +32,30 @@ HEADINGS = (
     "stack",
     "flash",
 )
-FAMILY_HEADINGS = ("worlds", "x bound", "interval", "99 %", "interval", "refused", "refused would err [deg]")
+FAMILY_HEADINGS = ("worlds", "x bound", "interval", "median", "99 %", "interval", "refused", "they would err [deg]")
 
 
 def print_tables(console: Console, judged: JudgeDocument) -> None:
     """Print all entries, and the families of the judged one."""
     first = judged.entries[0]
-    table = _table("", HEADINGS)
-    for entry in judged.entries:
-        table.add_row(*map(escape, entry_row(entry, first)), style="bold" if entry.role == "judged" else "")
-    console.print(table)
-    families = _table(first.name, FAMILY_HEADINGS)
-    for row in family_rows(first):
-        families.add_row(*row)
-    console.print(families)
+    console.print(_table("", *filled_columns(HEADINGS, [entry_row(entry, first) for entry in judged.entries])))
+    console.print(_table(first.name, *filled_columns(FAMILY_HEADINGS, list(family_rows(first)))))
 
 
-def _table(title: str, headings: Sequence[str]) -> Table:
+def filled_columns(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """Return headings and rows without the columns that are empty in all rows."""
+    kept = [number for number, _ in enumerate(headings) if any(row[number] for row in rows)]
+    return [headings[number] for number in kept], [[row[number] for number in kept] for row in rows]
+
+
+def _table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
     table = Table(
         title=escape(title) or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
     )
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="right" if number else "left")
+    for row in rows:
+        table.add_row(*map(escape, row))
     return table
 
 
@@ -63,8 +66,9 @@ def entry_row(entry: EntryResult, first: EntryResult) -> tuple[str, ...]:
     is_ranked = entry is first or not first.cost.cycles or ranks_with(entry, first)
     return (
         entry.name,
+        _value(whole.rms),
+        _interval(whole.rms),
         _value(whole.median),
-        _interval(whole.median),
         _value(whole.p99),
         _value(rig.worst_deg),
         str(whole.refused),
@@ -83,8 +87,9 @@ def family_rows(entry: EntryResult) -> Iterator[tuple[str, ...]]:
     for result in entry.families:
         yield (
             titles[result.family],
+            _value(result.rms),
+            _interval(result.rms),
             _value(result.median),
-            _interval(result.median),
             _value(result.p99),
             _interval(result.p99),
             str(result.refused),
@@ -114,10 +119,12 @@ def page(judged: JudgeDocument) -> str:
         package="hiltest.judge",
         judged=judged,
         figure=_figure(judged.entries),
-        headings=HEADINGS,
-        rows=[entry_row(entry, judged.entries[0]) for entry in judged.entries],
-        family_headings=FAMILY_HEADINGS,
-        families=[(entry, list(family_rows(entry))) for entry in judged.entries if entry.role != "hiltest"],
+        all_entries=filled_columns(HEADINGS, [entry_row(entry, judged.entries[0]) for entry in judged.entries]),
+        families=[
+            (entry, filled_columns(FAMILY_HEADINGS, list(family_rows(entry))))
+            for entry in judged.entries
+            if entry.role != "hiltest"
+        ],
         limits=[(limit.name, _measured(limit.value), f"{limit.most:g}") for limit in judged.limits],
         worlds=WORLDS * len(FAMILIES),
     )
@@ -126,9 +133,9 @@ def page(judged: JudgeDocument) -> str:
 def _figure(entries: Sequence[EntryResult]) -> Figure | None:
     """Draw the error over the bound against cycles; None without two entries that have both."""
     drawn = [
-        (entry, float(entry.cost.cycles), whole.median, whole.p99.value)
+        (entry, float(entry.cost.cycles), whole.rms, whole.p99.value)
         for entry in entries
-        if entry.cost.cycles and (whole := entry.family(ALL)).median and whole.p99
+        if entry.cost.cycles and (whole := entry.family(ALL)).rms and whole.p99
     ]
     if len(drawn) < 2:  # one dot is no comparison
         return None
@@ -136,7 +143,7 @@ def _figure(entries: Sequence[EntryResult]) -> Figure | None:
     figure = Figure(
         title="Error over bound against cycles",
         description="; ".join(
-            f"{entry.name}: {middle.value:.2f} times the bound in the median, {high:.2f} in the 99th percentile, for "
+            f"{entry.name}: {middle.value:.2f} times the bound, {high:.2f} in the 99th percentile, for "
             f"{cycles:.0f} cycles"
             for entry, cycles, middle, high in drawn
         ),

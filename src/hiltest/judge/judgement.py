@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from statistics import median
+from statistics import fmean, median, stdev
 
 from scipy.stats import binom
 
@@ -18,12 +18,13 @@ ALL = "all"
 """Name of the row over all families."""
 _CONFIDENCE = 0.95
 _P99 = 0.99
+_NORMAL = 1.96  # standard deviations on each side that 95 % are within
 _DIGITS = 6  # degrees and ratios are the same on every host to this many
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A quantile over worlds, with the interval that contains the true one at 95 % confidence."""
+    """A number over worlds, with the interval that contains the true one at 95 % confidence."""
 
     value: float
     low: float | None
@@ -40,9 +41,11 @@ class FamilyResult:
     refused: int
     no_ellipsoid: int
     """Number of answers that are not finite, singular or mirrored."""
+    rms: Estimate | None
     median: Estimate | None
     p99: Estimate | None
-    """rms heading error of accepted answers as multiples of the Cramér-Rao bound; None if there are none."""
+    """Heading errors of accepted answers as multiples of the Cramér-Rao bound, root mean square and quantiles over
+    worlds; None if there are none. The root mean square of an efficient calibrator is 1."""
     worst_deg: Estimate | None
     """Median over worlds of the largest heading error at the poses, of means of 16 samples [deg]."""
     refused_deg: float | None
@@ -169,6 +172,7 @@ def _family_result(name: str, ratings: Sequence[Rating]) -> FamilyResult:
         len(ratings),
         len(refused),
         sum(rating.outcome is Outcome.NO_ELLIPSOID for rating in ratings),
+        root_mean_square(over_bound),
         quantile(over_bound, 0.5),
         quantile(over_bound, _P99),
         quantile([rating.worst_deg for rating in accepted if rating.worst_deg is not None], 0.5),
@@ -191,6 +195,18 @@ def _cost(entry: Entry, of_rig: Sequence[Answer], answers: Sequence[Answer]) -> 
         entry.flash_bytes,
         round(median(times), 1) if times else None,
     )
+
+
+def root_mean_square(values: Sequence[float]) -> Estimate | None:
+    """Return the root mean square with its interval, from the deviation of the squares; None without values."""
+    if not values:
+        return None
+    squares = [value * value for value in values]
+    rms = math.sqrt(fmean(squares))
+    if len(squares) < 2 or rms == 0.0:  # a deviation needs two
+        return Estimate(round(rms, _DIGITS), None, None)
+    half = _NORMAL * stdev(squares) / math.sqrt(len(squares)) / (2.0 * rms)
+    return Estimate(*(round(end, _DIGITS) for end in (rms, max(rms - half, 0.0), rms + half)))
 
 
 def quantile(values: Sequence[float], share: float) -> Estimate | None:
@@ -249,6 +265,7 @@ def limit_values(result: EntryResult) -> dict[str, float | None]:
     values: dict[str, float | None] = {}
     for family in result.families:
         prefix = "bound" if family.family == ALL else f"bound.{family.family}"
+        values[f"{prefix}.rms"] = family.rms.value if family.rms else None
         values[f"{prefix}.median"] = family.median.value if family.median else None
         values[f"{prefix}.p99"] = family.p99.value if family.p99 else None
     whole, rig, cost = result.family(ALL), result.family(RIG), result.cost
@@ -309,9 +326,9 @@ def _limit_words(limit: LimitResult) -> str:
 def describe(result: EntryResult, comparison: Comparison | None = None, against: Judged | None = None) -> str:
     """Return a sentence on an entry."""
     rig, whole, cycles = result.family(RIG), result.family(ALL), result.cost.cycles
-    errors = "no accepted answer" if rig.median is None else f"{rig.median.value:.2f} x the bound on the default rig"
-    if whole.median:
-        errors += f", {whole.median.value:.2f} x over all worlds"
+    errors = "no accepted answer" if rig.rms is None else f"{rig.rms.value:.2f} x the bound on the default rig"
+    if whole.rms:
+        errors += f", {whole.rms.value:.2f} x over all worlds"
     cost = f", {cycles:_} cycles".replace("_", " ") if cycles else ""
     text = f"{result.name}: {errors}{cost}"
     if comparison and against and comparison.error:
