@@ -1,12 +1,15 @@
-"""The fusion filter in both forms."""
+"""The fusion filter and the attitude filter, both in both forms."""
 
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from functools import partial
 
 import pytest
+
+from hiltest.orientation.attitude_filter import AttitudeFilter
 
 from .filters import FilterMaker, Firmware, Reference, build
 
@@ -26,3 +29,21 @@ def firmware(fusion_library: ctypes.CDLL) -> FilterMaker:
 def either(request: pytest.FixtureRequest) -> FilterMaker:
     """Return what makes a filter of one of the two."""
     return Reference if request.param == "reference" else request.getfixturevalue("firmware")
+
+
+@pytest.fixture(scope="session", params=["reference"])
+def either_filter(request: pytest.FixtureRequest) -> Callable[..., object]:
+    """Return what makes an attitude filter of one of the two, from a bias."""
+    assert request.param == "reference"
+    return lambda bias_rad_s=(0.0, 0.0, 0.0): AttitudeFilter(bias_rad_s)
+
+
+@pytest.fixture(scope="session")
+def rounding_deg(either_filter: Callable[..., object]) -> float:
+    """Return the largest angle that roundings of a thousand steps add up to in this form.
+
+    A step rounds a quaternion of norm 1 by some 1e-7 in float32, which is twice that as an angle; at worst a thousand
+    roundings have one direction.
+    """
+    float32 = isinstance(either_filter, partial)
+    return math.degrees(1000 * 2 * 1.2e-7) if float32 else 1e-6
