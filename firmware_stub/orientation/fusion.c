@@ -1,6 +1,7 @@
 #include "fusion.h"
 
 #include "calibration/fast_code.h"
+#include "quaternion.h"
 
 /* Squares of norms between which a vector counts as one: float32 has room for all that follows. */
 #define SMALLEST_SQUARE 1.0e-12f
@@ -8,27 +9,6 @@
 
 /* Square of the sine between gravity and field below which there is no heading, as in tilt_heading.c. */
 #define SMALLEST_SINE_SQUARE 1.0e-6f
-
-/* (pi/2)^2: half of half a turn, squared. */
-#define LONGEST_HALF_SQUARE 2.4674011f
-
-/* Up to this square of half an angle, the first terms left out of sine and cosine are below float32's half an ulp. A step of
- * half a turn is halved four times to get there. */
-#define SERIES_SQUARE 0.03f
-
-#define INLINE static inline __attribute__((always_inline))
-
-INLINE float dot3(const float a[3], const float b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-INLINE void cross3(const float a[3], const float b[3], float out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* North, east and down as the body sees them. */
 INLINE fusion_status_t earth_axes(const float gravity_g[3], const float field[3], float gate_g, float north[3], float east[3],
@@ -113,32 +93,6 @@ void fusion_start(fusion_t *state, const fusion_noise_t *noise, const float atti
     state->heading_variance = noise->heading_variance;
 }
 
-/* The quaternion of a rotation by twice a vector, equations (8) to (11): in powers of the angle, so no rotation is no case of
- * its own and there is no square root. */
-INLINE void quaternion_of_turn(float half[3], float half_square, float turn[4])
-{
-    int halvings = 0;
-    while (half_square > SERIES_SQUARE) {
-        half_square *= 0.25f;
-        for (int axis = 0; axis < 3; axis++) {
-            half[axis] *= 0.5f;
-        }
-        halvings++;
-    }
-    const float sine = 1.0f + half_square * (half_square * (1.0f / 120.0f) - 1.0f / 6.0f); /* over the angle */
-    turn[0] = sine * half[0];
-    turn[1] = sine * half[1];
-    turn[2] = sine * half[2];
-    turn[3] = 1.0f + half_square * (half_square * (1.0f / 24.0f) - 0.5f);
-    for (; halvings > 0; halvings--) {
-        const float twice = 2.0f * turn[3];
-        turn[3] = turn[3] * turn[3] - dot3(turn, turn);
-        turn[0] *= twice;
-        turn[1] *= twice;
-        turn[2] *= twice;
-    }
-}
-
 FAST_CODE fusion_status_t fusion_predict(fusion_t *state, const fusion_noise_t *noise, const float rate_rad_s[3], float dt_s)
 {
     const float half_dt_s = 0.5f * dt_s;
@@ -147,20 +101,7 @@ FAST_CODE fusion_status_t fusion_predict(fusion_t *state, const fusion_noise_t *
     if (!(dt_s >= 0.0f && half_square <= LONGEST_HALF_SQUARE)) {
         return FUSION_BAD_STEP; /* what is not finite compares false as well */
     }
-    float turn[4];
-    quaternion_of_turn(half, half_square, turn);
-
-    float *const q = state->attitude;
-    const float x = q[3] * turn[0] + q[0] * turn[3] + q[1] * turn[2] - q[2] * turn[1];
-    const float y = q[3] * turn[1] - q[0] * turn[2] + q[1] * turn[3] + q[2] * turn[0];
-    const float z = q[3] * turn[2] + q[0] * turn[1] - q[1] * turn[0] + q[2] * turn[3];
-    const float w = q[3] * turn[3] - q[0] * turn[0] - q[1] * turn[1] - q[2] * turn[2];
-    /* Only rounding takes the norm away from 1; one step of Newton's for the reciprocal root brings it back. */
-    const float scale = 1.5f - 0.5f * (x * x + y * y + z * z + w * w);
-    q[0] = x * scale;
-    q[1] = y * scale;
-    q[2] = z * scale;
-    q[3] = w * scale;
+    turn_attitude(state->attitude, half, half_square);
     const float spread = noise->rate_variance * dt_s;
     state->tilt_variance += spread;
     state->heading_variance += spread;
@@ -197,14 +138,6 @@ FAST_CODE fusion_status_t fusion_update(fusion_t *state, const fusion_noise_t *n
     const float a = half * tilt * about_north;
     const float b = half * tilt * about_east;
     const float c = half * heading * about_down;
-    const float scale = 1.0f / __builtin_sqrtf(1.0f + a * a + b * b + c * c);
-    const float x = q[0] + q[3] * a + q[2] * b - q[1] * c;
-    const float y = q[1] - q[2] * a + q[3] * b + q[0] * c;
-    const float z = q[2] + q[1] * a - q[0] * b + q[3] * c;
-    const float w = q[3] - q[0] * a - q[1] * b - q[2] * c;
-    q[0] = x * scale;
-    q[1] = y * scale;
-    q[2] = z * scale;
-    q[3] = w * scale;
+    correct_attitude(q, a, b, c);
     return FUSION_OK;
 }

@@ -18,6 +18,7 @@ from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import profile_call
 
+from ..orientation.attitude_filters import FilterState
 from ..orientation.filters import floats, noise_floats
 from .dpi_kernel import BoardDpi
 from .streams import BoardStream
@@ -86,6 +87,14 @@ def fusion(board: Watched) -> object:
     return state
 
 
+def attitude_filter(board: Watched) -> object:
+    state = bytearray(bytes(FilterState()))
+    rates, gravity, field = (bytes(floats(item)) for item in ([0.9, -0.7, 0.8], [0.1, 0.2, 0.97], [20.0, 1.0, 40.0]))
+    for _ in range(10):
+        board.call("attitude_filter_update", state, rates, gravity, field, 0.5)
+    return state
+
+
 @pytest.mark.parametrize(
     ("kernel", "run"),
     [
@@ -97,6 +106,7 @@ def fusion(board: Watched) -> object:
         ("direct-stream", stream("direct-stream")),
         ("iterative-stream", stream("iterative-stream")),
         ("fusion", fusion),
+        ("attitude_filter", attitude_filter),
     ],
 )
 def test_a_kernels_floating_point_lies_at_words(kernel: str, run: Callable[[Watched], object]) -> None:

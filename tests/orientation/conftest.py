@@ -11,6 +11,7 @@ import pytest
 
 from hiltest.orientation.attitude_filter import AttitudeFilter
 
+from . import attitude_filters
 from .filters import FilterMaker, Firmware, Reference, build
 
 
@@ -31,11 +32,19 @@ def either(request: pytest.FixtureRequest) -> FilterMaker:
     return Reference if request.param == "reference" else request.getfixturevalue("firmware")
 
 
-@pytest.fixture(scope="session", params=["reference"])
+@pytest.fixture(scope="session")
+def attitude_filter_library(
+    require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
+) -> ctypes.CDLL:
+    return attitude_filters.build(require_tool("gcc"), tmp_path_factory.mktemp("attitude_filter"))
+
+
+@pytest.fixture(scope="session", params=["reference", "firmware"])
 def either_filter(request: pytest.FixtureRequest) -> Callable[..., object]:
     """Return what makes an attitude filter of one of the two, from a bias."""
-    assert request.param == "reference"
-    return lambda bias_rad_s=(0.0, 0.0, 0.0): AttitudeFilter(bias_rad_s)
+    if request.param == "reference":
+        return lambda bias_rad_s=(0.0, 0.0, 0.0): AttitudeFilter(bias_rad_s)
+    return partial(attitude_filters.FirmwareFilter, request.getfixturevalue("attitude_filter_library"))
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
@@ -60,6 +60,7 @@ def test_half_the_cosine_of_the_total_is_the_product_of_those_of_its_parts(estim
 def test_neither_the_world_s_heading_nor_the_sensor_s_mounting_changes_an_error(
     estimate: np.ndarray, truth: np.ndarray, mounting: np.ndarray, turn_deg: float
 ):
+    assume(errors_of(estimate, truth)[2] < 179.0)  # upside down there is no heading
     world = from_rotation_vector([0.0, 0.0, math.radians(turn_deg)])
     moved = [product(world, product(attitude, mounting)) for attitude in (estimate, truth)]
     # An angle near 180 degrees, of a quaternion's part near 0, is exact to the square root of a rounding.
@@ -68,6 +69,7 @@ def test_neither_the_world_s_heading_nor_the_sensor_s_mounting_changes_an_error(
 
 @given(units, units, st.floats(0.1, 10.0))
 def test_sign_and_norm_of_a_quaternion_do_not_matter(estimate: np.ndarray, truth: np.ndarray, norm: float):
+    assume(errors_of(estimate, truth)[2] < 179.0)
     assert errors_of(-norm * estimate, truth) == pytest.approx(errors_of(estimate, truth), abs=1e-5)
 
 

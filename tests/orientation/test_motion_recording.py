@@ -93,23 +93,30 @@ def test_a_fault_is_named_with_its_array(tmp_path: Path, changes: dict[str, np.n
         read_motion_recording(written(tmp_path / "trial.npz", **changes))
 
 
-def test_a_header_that_announces_more_than_there_is_allocates_nothing(tmp_path: Path):
-    """3.6 million rows are the limit, and a header of a thousand million is refused before anything is read."""
-    for rows, fault in (
-        (10**9, "has 1000000000 rows; expected 1 to 3600000"),
-        (3_000_000, "has not the 36000000 bytes"),
-    ):
-        header = io.BytesIO()
-        np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (rows, 3)})
-        path = tmp_path / "large.npz"
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, array in arrays().items():
-                content = io.BytesIO()
-                np.lib.format.write_array(content, array)
-                data = header.getvalue() if name == "gyroscope_rad_s" else content.getvalue()
-                archive.writestr(f"{name}.npy", data)
-        with pytest.raises(ConfigError, match=f"gyroscope_rad_s {fault}"):
-            read_motion_recording(path)
+@pytest.mark.parametrize(
+    ("announced", "actual", "fault"),
+    [
+        (10**9, 0, "has 1000000000 rows; expected 1 to 3600000"),
+        (3_000_000, 0, "has not the 36000000 bytes"),
+        (COUNT, COUNT - 1, "has not the 72 bytes"),
+        (COUNT, COUNT + 1, "has not the 72 bytes"),
+    ],
+)
+def test_an_array_of_another_size_than_its_header_announces_is_refused(
+    tmp_path: Path, announced: int, actual: int, fault: str
+):
+    """Nothing of the announced size is allocated; a header of more than 3.6 million rows is refused unread."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": (announced, 3)})
+    path = tmp_path / "trial.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in arrays().items():
+            content = io.BytesIO()
+            np.lib.format.write_array(content, array)
+            resized = header.getvalue() + bytes(12 * actual)
+            archive.writestr(f"{name}.npy", resized if name == "gyroscope_rad_s" else content.getvalue())
+    with pytest.raises(ConfigError, match=f"gyroscope_rad_s {fault}"):
+        read_motion_recording(path)
 
 
 def test_a_file_that_is_missing_or_no_archive_is_a_wrong_argument(tmp_path: Path):
