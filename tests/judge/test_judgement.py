@@ -20,6 +20,7 @@ from hiltest.judge.judgement import (
     compare,
     document,
     judge,
+    limit_values,
     quantile,
     root_mean_square,
 )
@@ -149,7 +150,7 @@ def test_more_cycles_than_the_other_are_a_regression_but_a_missed_limit_comes_fi
 
 def test_a_limit_of_no_value_is_refused_with_a_near_name(small: Judged) -> None:
     with pytest.raises(ConfigError, match=r"--limit bound\.p9: no such value.*bound\.p99"):
-        list(check_limits(small.result, {"bound.p9": 1.0}))
+        list(check_limits(limit_values(small.result), {"bound.p9": 1.0}))
 
 
 def test_too_few_worlds_leave_the_upper_end_open() -> None:

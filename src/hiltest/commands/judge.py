@@ -16,10 +16,11 @@ from hiltest.commands.options import documented, parsed
 from hiltest.session.settings import DEFAULT_OUT, file_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hiltest.judge.judgement import JudgeDocument
     from hiltest.judge.worlds import World
+    from hiltest.orientation.motion_recording import MotionRecording
     from hiltest.session.progress_line import ProgressLine
 
 _EXIT_CODES = """
@@ -29,6 +30,7 @@ FILE is one of:
   mine.elf             any program for a Cortex-M4; --function names its function
   libmine.so           a shared library of this host
   mine.py:calibrate    a Python function: samples in, (hard_iron, soft_iron) out
+  mine.py:Filter       a Python class with update and quaternion, or heading
 
 \b
 Exit codes:
@@ -57,6 +59,14 @@ Exit codes:
 )
 @click.option("--alone", is_flag=True, help="Show the judged calibrators only, without those of hiltest.")
 @click.option(
+    "--recording",
+    "recordings",
+    metavar="FILE.npz",
+    type=click.Path(path_type=Path, dir_okay=False),
+    multiple=True,
+    help="Judge a filter on this recorded motion with a true attitude. Can be repeated.",
+)
+@click.option(
     "--init",
     metavar="FILE.c",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -75,24 +85,23 @@ def judge(
     against: str | None,
     limits: tuple[str, ...],
     alone: bool,
+    recordings: tuple[Path, ...],
     init: Path | None,
     out: str | None,
 ) -> tuple[int, JudgeDocument]:
-    """Judge a calibrator by its errors, refusals and cycles.
+    """Judge a calibrator or a filter by its errors and cycles.
 
-    It calibrates in 500 simulated worlds whose truth is known.
+    A calibrator calibrates in 500 simulated worlds whose truth is known. A filter follows a simulated or a recorded
+    motion.
     """
     from hiltest import __version__
     from hiltest.commands.options import ErrorOutput
     from hiltest.judge.build import HEADER
-    from hiltest.judge.entries import open_entry
-    from hiltest.judge.judge_tables import JSON_FILE, PAGE_FILE, page, print_tables
+    from hiltest.judge.entries import is_filter, open_entry
     from hiltest.judge.judgement import JudgeDocument, document
     from hiltest.judge.judgement import judge as judge_entry
     from hiltest.judge.own_calibrators import own_calibrators
     from hiltest.judge.worlds import FAMILIES, WORLDS
-    from hiltest.report.console import standard_output
-    from hiltest.run_record.files import write_asked_for, write_document
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
 
@@ -104,9 +113,13 @@ def judge(
     if file is None:
         raise click.UsageError("name a FILE, or --init FILE.c to begin with one")
     wanted = dict(map(_limit, limits))
+    judges_filter = bool(recordings) or is_filter(file, function)
     folder = Path(out or f"{DEFAULT_OUT}/judge")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
+    if judges_filter:
+        files = [file] + ([against] if against else [])
+        return _written(_judge_filters(files, recordings, wanted, alone, progress), folder)
     with ExitStack() as stack:
         opened = [(stack.enter_context(open_entry(file, function, part)), "judged")]
         if against is not None:
@@ -121,6 +134,36 @@ def judge(
     progress.clear()
     other = judged[1] if against is not None else None
     result = document(judged[0], judged[len(opened) :], wanted, other)
+    return _written(result, folder)
+
+
+def _judge_filters(
+    files: Sequence[str], recordings: Sequence[Path], limits: Mapping[str, float], alone: bool, progress: ProgressLine
+) -> JudgeDocument:
+    from hiltest.judge.entries import open_filter
+    from hiltest.judge.filter_scores import judge_filter
+    from hiltest.judge.filters import OwnFilter
+    from hiltest.judge.judgement import filter_document
+    from hiltest.judge.motions import simulated_motion
+    from hiltest.orientation.motion_recording import read_motion_recording
+
+    motions = [read_motion_recording(file) for file in recordings] or [simulated_motion()]
+    with ExitStack() as stack:
+        filters = [stack.enter_context(open_filter(file)) for file in files] + ([] if alone else [OwnFilter()])
+        roles = [*["judged", "against"][: len(files)], "hiltest"]
+        total, done, results = len(filters) * len(motions), count(), []
+        for filter_, role in zip(filters, roles, strict=False):
+            progress_of = partial(_show_motion, progress, done, total, filter_.name)
+            results.append(judge_filter(filter_, role, motions, progress_of))
+    progress.clear()
+    return filter_document(results, limits)
+
+
+def _written(result: JudgeDocument, folder: Path) -> tuple[int, JudgeDocument]:
+    from hiltest.judge.judge_tables import JSON_FILE, PAGE_FILE, page, print_tables
+    from hiltest.report.console import standard_output
+    from hiltest.run_record.files import write_asked_for, write_document
+
     write_document(folder / JSON_FILE, result, "hiltest.judge/1")
     write_asked_for(folder / PAGE_FILE, page(result))
     print_tables(standard_output(), result)
@@ -151,3 +194,7 @@ def _limit(text: str) -> tuple[str, float]:
 
 def _show_world(progress: ProgressLine, done: Iterator[int], total: int, name: str, _world: World) -> None:
     progress("judging", next(done), total, name)
+
+
+def _show_motion(progress: ProgressLine, done: Iterator[int], total: int, name: str, motion: MotionRecording) -> None:
+    progress("judging", next(done), total, f"{name}, {motion.name}")

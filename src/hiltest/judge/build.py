@@ -69,13 +69,13 @@ def header_folder() -> Path:
     return Path(str(resources.files("hiltest.judge")))
 
 
-def build_image(source: Path, function: str, folder: Path) -> Build:
+def build_image(source: Path, functions: Sequence[str], folder: Path) -> Build:
     """Compile a source for the Cortex-M4.
 
     Parameters
     ----------
-    function
-        Function that must be in the image.
+    functions
+        Functions that must be in the image, if the source has them.
     folder
         Folder of the image.
 
@@ -85,11 +85,11 @@ def build_image(source: Path, function: str, folder: Path) -> Build:
         If there is no compiler, or the source cannot be compiled; with the compiler's first messages.
     """
     script, image, start = folder / "judged.ld", folder / f"{source.stem}.elf", folder / "start.c"
-    script.write_text(_LINKER_SCRIPT.format(function=function), encoding="utf-8")
+    script.write_text(_LINKER_SCRIPT.format(function=functions[0]), encoding="utf-8")
     is_cpp = source.suffix in CPP_SUFFIXES
     language = _CPP_FLAGS if is_cpp else ()
     common = [FLAGS, "-g", *_SPLIT_FLAGS, *language, "-I", str(header_folder()), "-T", str(script)]
-    common += [f"-Wl,--gc-sections,-u,{function}", "-o", str(image), str(source)]
+    common += ["-Wl,--gc-sections", *(f"-Wl,-u,{function}" for function in functions), "-o", str(image), str(source)]
     if command := shutil.which("arm-none-eabi-g++" if is_cpp else "arm-none-eabi-gcc"):
         _run(
             [command, *_CPU_FLAGS, "-nostartfiles", "--specs=nosys.specs", "-Wl,--no-warnings", *common, "-lm"], source

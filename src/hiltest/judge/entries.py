@@ -1,4 +1,4 @@
-"""Entries from what a user names: a source, a library, a Python function, or an image for a Cortex-M4."""
+"""Entries from what a user names: a source, a library, a Python function or class, or an image for a Cortex-M4."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
 from hiltest.judge.answers import Answer, Entry
 from hiltest.judge.build import build_image, build_library, is_source
+from hiltest.judge.filters import HEADING, INIT, QUATERNION, UPDATE, HostFilter, ImageFilter, JudgedFilter
 from hiltest.judge.host_calibrator import HostCalibrator
 from hiltest.judge.image_calibrator import CALIBRATE, CALIBRATE_PAIRS, ImageCalibrator
 from hiltest.judge.worlds import RIG, World
@@ -21,6 +22,7 @@ from hiltest.judge.worlds import RIG, World
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 _ELF_MAGIC, _ARM = b"\x7fELF", 40
 _LARGEST_BYTES = 64 << 20
+_OTHERWISE = "name a source, a library or an ELF"
 
 
 class SourceCalibrator:
@@ -74,7 +76,7 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
             yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
             return
         file = Path(named)
-        content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a source, a library or an ELF")
+        content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
         if file.suffix == ".py":
             raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
         if is_source(file):
@@ -99,7 +101,7 @@ def _open_source(
     if name.encode() not in content:
         raise ConfigError(f"{file}: no function {name}; define it as hiltest_judge.h says, or name another: --function")
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
-    build = build_image(file, name, folder)
+    build = build_image(file, [name], folder)
     image = ImageCalibrator(str(file), build.file, name, built_by=build.built_by, part=part)
     library = build_library(file, folder)
     host = HostCalibrator(str(file), library.file, name, takes_pairs=image.takes_pairs)
@@ -114,12 +116,46 @@ def _contract_in(content: bytes) -> str:
 
 def _python_takes_pairs(file: Path, name: str) -> bool:
     """Return whether a Python function has two parameters, without importing it."""
+    node = _python_definition(file, name, ast.FunctionDef)
+    if not isinstance(node, ast.FunctionDef):
+        return False
+    return len(node.args.posonlyargs) + len(node.args.args) - len(node.args.defaults) > 1
+
+
+def _python_definition(file: Path, name: str, kind: type[ast.FunctionDef | ast.ClassDef]) -> ast.stmt | None:
+    """Return a definition of a Python file; None if it has none of this kind and name."""
     content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a Python file")
     try:
         tree = ast.parse(content, str(file))
     except (SyntaxError, ValueError) as error:
         raise ConfigError(f"{file}: {error}") from error
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and node.name == name:
-            return len(node.args.posonlyargs) + len(node.args.args) - len(node.args.defaults) > 1
-    return False
+    return next((node for node in tree.body if isinstance(node, kind) and node.name == name), None)
+
+
+def is_filter(named: str, function: str | None) -> bool:
+    """Return whether a file has a filter: a Python class, or the functions of the contract."""
+    if python := _PYTHON.fullmatch(named):
+        return _python_definition(Path(python["file"]), python["function"], ast.ClassDef) is not None
+    if function is not None:
+        return False
+    content = read_bounded(Path(named), largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    return UPDATE.encode() in content and CALIBRATE.encode() not in content
+
+
+@contextmanager
+def open_filter(named: str) -> Iterator[JudgedFilter]:
+    """Open a filter; the errors are those of `open_entry`."""
+    with ExitStack() as stack:
+        if python := _PYTHON.fullmatch(named):
+            yield stack.enter_context(HostFilter(named, Path(python["file"]), python["function"]))
+            return
+        file = Path(named)
+        content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+        if is_source(file):
+            functions = [name for name in (UPDATE, INIT, QUATERNION, HEADING) if name.encode() in content]
+            build = build_image(file, functions, Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-"))))
+            yield ImageFilter(named, build.file, built_by=build.built_by)
+        elif int.from_bytes(content[18:20], "little") == _ARM:
+            yield ImageFilter(named, file)
+        else:
+            yield stack.enter_context(HostFilter(named, file, UPDATE))

@@ -1,17 +1,20 @@
-"""Process that calls a calibrator on the host: a function of a shared library, or a Python function.
+"""Process that calls functions of a user on the host: those of a shared library, or Python functions.
 
-A request is a line ``n pairs`` and the samples, and if pairs is 1 the accelerations, as little-endian float32. The
-answer is a line ``status microseconds`` and twelve float64: hard iron and soft iron. A line that begins with ``error``
-has a message instead. What the calibrator prints goes to standard error.
+A request to a calibrator is a line with the number of samples, and the samples as little-endian float32, in the mode
+``pairs`` followed by the accelerations. The answer is a line ``status microseconds`` and twelve float64: hard iron and
+soft iron. A request to a filter is a line ``n rate stride``, and n rows of rate, gravity and field; the answer is the
+line ``status microseconds`` with the time of an update, and a row of four float64 for each stride: the quaternion, or
+the heading and NaN. A line that begins with ``error`` has a message instead. Lines that functions print go to standard
+error.
 """
 
 from __future__ import annotations
 
 import ctypes
+import functools
 import importlib.util
 import os
 import resource
-import struct
 import sys
 import time
 from collections.abc import Callable
@@ -20,38 +23,51 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+CALIBRATE, PAIRS, FILTER = "calibrate", "pairs", "filter"
 REFUSED, WRITES_OUTSIDE = 1, 2
 _MOST_BYTES = 4 << 30  # of address space
 _GUARD, _GUARDS = -1.2345678e30, 8
-_NUMBERS = struct.Struct("<12d")
+
+_Result = tuple[int, float, Any]
+_Filter = Callable[[float], tuple[Callable[..., Any], Callable[[], Any]]]
+"""Makes a filter for a rate [Hz]: a function that updates it, and one that reads it."""
 
 
-def main(file: str, function: str, takes_pairs: bool) -> None:
+def main(file: str, function: str, mode: str) -> None:
     """Answer requests on standard input until it ends."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_BYTES, _MOST_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        calibrate = (
-            _python_function(Path(file), function) if file.endswith(".py") else _library_function(file, function)
-        )
+        run = _request_runner(file, function, mode)
         _reply(answers, "ready")
     except (Exception, SystemExit) as error:
         _reply(answers, f"error {type(error).__name__}: {error}")
         return
     while header := sys.stdin.buffer.readline():
-        count = int(header)
-        inputs = [_read(count) for _ in range(1 + takes_pairs)]
         try:
-            status, microseconds, numbers = calibrate(inputs)
+            status, microseconds, numbers = run(header)
         except (Exception, SystemExit) as error:
             _reply(answers, f"error {type(error).__name__}: {error}")
             continue
-        _reply(answers, f"{status} {microseconds:.3f}", _NUMBERS.pack(*numbers))
+        _reply(answers, f"{status} {microseconds:.3f}", np.asarray(numbers, "<f8").tobytes())
 
 
-_Result = tuple[int, float, Any]
+def _request_runner(file: str, function: str, mode: str) -> Callable[[bytes], _Result]:
+    is_python = file.endswith(".py")
+    if mode == FILTER:
+        make = _python_filter(Path(file), function) if is_python else _library_filter(file)
+        return functools.partial(_run_filter, make)
+    calibrate = _python_function(Path(file), function) if is_python else _library_function(file, function)
+    return functools.partial(_run_calibrator, calibrate, 2 if mode == PAIRS else 1)
+
+
+# -- calibrators ---------------------------------------------------------------------------------------------------
+
+
+def _run_calibrator(calibrate: Callable[[list[Any]], _Result], inputs: int, header: bytes) -> _Result:
+    return calibrate([_read(int(header), 3) for _ in range(inputs)])
 
 
 def _library_function(file: str, name: str) -> Callable[[list[Any]], _Result]:
@@ -62,29 +78,22 @@ def _library_function(file: str, name: str) -> Callable[[list[Any]], _Result]:
         """Call the function with guards behind its outputs."""
         hard_iron, soft_iron = (np.full(size + _GUARDS, _GUARD, np.float32) for size in (3, 9))
         hard_iron[:3] = soft_iron[:9] = 0.0
-        kept = [numbers.copy() for numbers in inputs]
+        originals = [numbers.copy() for numbers in inputs]
         pointers = [numbers.ctypes.data_as(ctypes.c_void_p) for numbers in (*inputs, hard_iron, soft_iron)]
         began = time.perf_counter()
         status = called(*pointers[:-2], ctypes.c_int(len(inputs[0])), *pointers[-2:])
         microseconds = 1e6 * (time.perf_counter() - began)
         guards = np.concatenate([hard_iron[3:], soft_iron[9:]])
         is_outside = (guards != np.float32(_GUARD)).any()
-        if is_outside or any(not np.array_equal(*pair) for pair in zip(inputs, kept, strict=True)):
+        if is_outside or any(not np.array_equal(*pair) for pair in zip(inputs, originals, strict=True)):
             return WRITES_OUTSIDE, microseconds, np.zeros(12)
-        return REFUSED if status else 0, microseconds, np.concatenate([hard_iron[:3], soft_iron[:9]]).astype(float)
+        return REFUSED if status else 0, microseconds, np.concatenate([hard_iron[:3], soft_iron[:9]])
 
     return calibrate
 
 
 def _python_function(file: Path, name: str) -> Callable[[list[Any]], _Result]:
-    sys.path.insert(0, str(file.parent.resolve()))
-    described = importlib.util.spec_from_file_location(file.stem, file)
-    assert described is not None
-    assert described.loader is not None
-    module = importlib.util.module_from_spec(described)
-    sys.modules[file.stem] = module
-    described.loader.exec_module(module)
-    called = getattr(module, name)
+    called = getattr(_module(file), name)
 
     def calibrate(inputs: list[Any]) -> _Result:
         """Call the function with float64 arrays; None is a refusal."""
@@ -105,9 +114,78 @@ def _python_function(file: Path, name: str) -> Callable[[list[Any]], _Result]:
     return calibrate
 
 
-def _read(count: int) -> Any:
-    content = sys.stdin.buffer.read(count * 3 * 4)
-    return np.frombuffer(content, "<f4").reshape(count, 3).copy()
+# -- filters -------------------------------------------------------------------------------------------------------
+
+
+def _run_filter(make: _Filter, header: bytes) -> _Result:
+    """Update a new filter with all rows of a request, and read it after each stride."""
+    count, stride = (int(word) for word in header.split()[::2])
+    rate_hz = float(header.split()[1])
+    rows = _read(count, 9)
+    update, read = make(rate_hz)
+    taken_s, answers = 0.0, np.full((count // stride, 4), np.nan)
+    for index, row in enumerate(rows):
+        began = time.perf_counter()
+        update(row[:3], row[3:6], row[6:], 1.0 / rate_hz)
+        taken_s += time.perf_counter() - began
+        if (index + 1) % stride == 0:
+            answer = np.atleast_1d(np.asarray(read(), dtype=np.float64))
+            if answer.shape not in ((1,), (4,)):
+                raise TypeError(f"the answer has shape {answer.shape}, not () of a heading or (4,) of a quaternion")
+            answers[index // stride, : len(answer)] = answer
+    return 0, 1e6 * taken_s / count, answers
+
+
+def _library_filter(file: str) -> _Filter:
+    library = ctypes.CDLL(file)
+    begin, change = library.filter_init, library.filter_update
+    begin.argtypes = [ctypes.c_float]
+    change.argtypes = [*[ctypes.c_void_p] * 3, ctypes.c_float]
+    quaternion = np.zeros(4, np.float32)
+
+    def read_quaternion() -> Any:
+        """Return the quaternion."""
+        library.filter_quaternion(quaternion.ctypes.data_as(ctypes.c_void_p))
+        return quaternion.copy()
+
+    read: Callable[[], Any] = read_quaternion
+    if not hasattr(library, "filter_quaternion"):
+        read = library.filter_heading
+        library.filter_heading.restype = ctypes.c_float
+
+    def make(rate_hz: float) -> tuple[Callable[..., Any], Callable[[], Any]]:
+        """Start the filter anew."""
+        begin(rate_hz)
+        return lambda *values: change(*(vector.ctypes.data for vector in values[:3]), values[3]), read
+
+    return make
+
+
+def _python_filter(file: Path, name: str) -> _Filter:
+    kind = getattr(_module(file), name)
+
+    def make(rate_hz: float) -> tuple[Callable[..., Any], Callable[[], Any]]:
+        """Return methods of a new object: `update`, and `quaternion` or `heading`."""
+        new = kind(rate_hz)
+        return new.update, getattr(new, "quaternion", None) or new.heading
+
+    return make
+
+
+def _module(file: Path) -> Any:
+    sys.path.insert(0, str(file.parent.resolve()))
+    described = importlib.util.spec_from_file_location(file.stem, file)
+    assert described is not None
+    assert described.loader is not None
+    module = importlib.util.module_from_spec(described)
+    sys.modules[file.stem] = module
+    described.loader.exec_module(module)
+    return module
+
+
+def _read(count: int, columns: int) -> Any:
+    content = sys.stdin.buffer.read(count * columns * 4)
+    return np.frombuffer(content, "<f4").reshape(count, columns).copy()
 
 
 def _reply(answers: BinaryIO, line: str, content: bytes = b"") -> None:
@@ -116,4 +194,4 @@ def _reply(answers: BinaryIO, line: str, content: bytes = b"") -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], sys.argv[3] == "1")
+    main(*sys.argv[1:])

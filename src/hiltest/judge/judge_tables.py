@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from hiltest.judge.filter_scores import PhaseScore
 from hiltest.judge.judgement import ALL, EntryResult, Estimate, JudgeDocument, ranks_with
 from hiltest.judge.worlds import FAMILIES, RIG, WORLDS
 from hiltest.report.marks import KeyEntry, series
@@ -16,6 +17,7 @@ from hiltest.report.page import render
 from hiltest.report.svg import Figure
 from hiltest.text import format_number
 
+_TEXTS = ("motion", "phase")
 PAGE_FILE, JSON_FILE = "judge.html", "judge.json"
 HEADINGS = (
     "calibrator",
@@ -32,11 +34,25 @@ HEADINGS = (
     "stack",
     "flash",
 )
+FILTER_HEADINGS = (
+    "filter",
+    "motion",
+    "phase",
+    "total [deg]",
+    "heading [deg]",
+    "inclination [deg]",
+    "cycles",
+    "range",
+    "most cycles",
+)
 FAMILY_HEADINGS = ("worlds", "x bound", "interval", "median", "99 %", "interval", "refused", "they would err [deg]")
 
 
 def print_tables(console: Console, judged: JudgeDocument) -> None:
     """Print all entries, and the families of the judged one."""
+    if judged.filters:
+        console.print(_table("", *filled_columns(FILTER_HEADINGS, list(filter_rows(judged)))))
+        return
     first = judged.entries[0]
     console.print(_table("", *filled_columns(HEADINGS, [entry_row(entry, first) for entry in judged.entries])))
     console.print(_table(first.name, *filled_columns(FAMILY_HEADINGS, list(family_rows(first)))))
@@ -53,7 +69,7 @@ def _table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -
         title=escape(title) or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0)
     )
     for number, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if number else "left")
+        table.add_column(heading, justify="left" if number == 0 or heading in _TEXTS else "right")
     for row in rows:
         table.add_row(*map(escape, row))
     return table
@@ -97,6 +113,25 @@ def family_rows(entry: EntryResult) -> Iterator[tuple[str, ...]]:
         )
 
 
+def filter_rows(judged: JudgeDocument) -> Iterator[tuple[str, ...]]:
+    """Yield a row under `FILTER_HEADINGS` for each filter, motion and phase."""
+    for result in judged.filters:
+        for score in result.scores:
+            yield (
+                result.name,
+                score.motion,
+                score.phase,
+                *(f"{error:.2f}" if error is not None else "" for error in _errors(score)),
+                "" if result.cycles is None else format_number(result.cycles),
+                "" if result.low is None else f"{result.low} to {result.high}",
+                "" if result.most_cycles is None else format_number(result.most_cycles),
+            )
+
+
+def _errors(score: PhaseScore) -> tuple[float | None, float, float | None]:
+    return score.total_deg, score.heading_deg, score.inclination_deg
+
+
 def _value(estimate: Estimate | None) -> str:
     return "" if estimate is None else f"{estimate.value:.2f}"
 
@@ -114,12 +149,15 @@ def _interval(estimate: Estimate | None) -> str:
 
 def page(judged: JudgeDocument) -> str:
     """Return the page: sentence, picture and tables."""
+    rows = [entry_row(entry, judged.entries[0]) for entry in judged.entries]
     return render(
         "judge.html.j2",
         package="hiltest.judge",
         judged=judged,
+        name=(judged.filters or judged.entries)[0].name,
         figure=_figure(judged.entries),
-        all_entries=filled_columns(HEADINGS, [entry_row(entry, judged.entries[0]) for entry in judged.entries]),
+        filters=filled_columns(FILTER_HEADINGS, list(filter_rows(judged))),
+        all_entries=filled_columns(HEADINGS, rows),
         families=[
             (entry, filled_columns(FAMILY_HEADINGS, list(family_rows(entry))))
             for entry in judged.entries

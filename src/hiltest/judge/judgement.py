@@ -12,7 +12,9 @@ from scipy.stats import binom
 from hiltest import __version__
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.judge.answers import Answer, Entry, Outcome, Rating, rate
+from hiltest.judge.filter_scores import FilterResult
 from hiltest.judge.worlds import FAMILIES, RIG, World, draw_worlds
+from hiltest.text import format_count
 
 ALL = "all"
 """Name of the row over all families."""
@@ -129,6 +131,8 @@ class JudgeDocument:
     limits: tuple[LimitResult, ...]
     comparison: Comparison | None
     """Comparison with ``--against``; null without."""
+    filters: tuple[FilterResult, ...] = ()
+    """Filters, the judged one first; empty for a calibrator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,11 +254,11 @@ def compare(judged: Judged, against: Judged) -> Comparison:
 
 def ranks_with(one: EntryResult, other: EntryResult) -> bool:
     """Return whether the cycles of two entries can be ranked: one cycle model, and one compiler that is known."""
-    compilers = [_compiler(entry.built_by) for entry in (one, other)]
+    compilers = [compiler_in(entry.built_by) for entry in (one, other)]
     return one.cycle_model == other.cycle_model and compilers[0] == compilers[1] != ""
 
 
-def _compiler(built_by: str) -> str:
+def compiler_in(built_by: str) -> str:
     """Return a compiler and its version from a text such as ``arm-none-eabi-gcc 12.2.1 -O2``."""
     words = built_by.split()
     return " ".join(words[:2]) if len(words) > 1 and words[1][:1].isdigit() else ""
@@ -282,15 +286,14 @@ def limit_values(result: EntryResult) -> dict[str, float | None]:
     return values
 
 
-def check_limits(result: EntryResult, limits: Mapping[str, float]) -> Iterator[LimitResult]:
-    """Yield the limits with the values of an entry.
+def check_limits(values: Mapping[str, float | None], limits: Mapping[str, float]) -> Iterator[LimitResult]:
+    """Yield the limits with the values that they name.
 
     Raises
     ------
     ConfigError
         If a limit names no value.
     """
-    values = limit_values(result)
     for name, most in limits.items():
         if name not in values:
             raise ConfigError(f"--limit {name}: no such value{nearest_hint(name, list(values))}")
@@ -301,22 +304,52 @@ def document(
     judged: Judged, others: Sequence[Judged], limits: Mapping[str, float], against: Judged | None = None
 ) -> JudgeDocument:
     """Return the document, with the sentence and the exit code."""
-    checked = tuple(check_limits(judged.result, limits))
+    checked = tuple(check_limits(limit_values(judged.result), limits))
     comparison = compare(judged, against) if against else None
     entries = tuple(entry.result for entry in (judged, *([against] if against else []), *others))
+    code, word = _verdict(checked, is_worse=comparison is not None and comparison.is_worse)
+    sentence = f"{word}. {describe(judged.result, comparison, against)}"
+    return JudgeDocument(__version__, sentence, code, entries, checked, comparison)
+
+
+def filter_document(results: Sequence[FilterResult], limits: Mapping[str, float]) -> JudgeDocument:
+    """Return the document of filters, the judged one first, and behind it maybe the one to compare with."""
+    first = results[0]
+    values: dict[str, float | None] = {name: first.mean_deg(name) for name in ("total", "heading", "inclination")}
+    values |= {"cycles": first.cycles, "cycles.most": first.most_cycles, "us": first.host_us}
+    checked = tuple(check_limits(values, limits))
+    against = next((result for result in results if result.role == "against"), None)
+    code, word = _verdict(checked, is_worse=against is not None and is_worse_filter(first, against))
+    motions = len({score.motion for score in first.scores})
+    error = f"heading error {values['heading']:.2f} deg rms"
+    if values["total"] is not None:
+        error = f"total error {values['total']:.2f} deg rms, heading {values['heading']:.2f}"
+    cost = f", {first.cycles} cycles an update" if first.cycles else ""
+    text = f"{word}. {first.name}: {error}, mean of {format_count(motions, 'motion')}{cost}."
+    return JudgeDocument(__version__, text, code, (), checked, None, tuple(results))
+
+
+def is_worse_filter(new: FilterResult, old: FilterResult) -> bool:
+    """Return whether a filter errs by a hundredth more in the same motions, or takes more cycles.
+
+    A hundredth is more than the choice between float32 and float64 changes.
+    """
+    error = "heading" if None in (new.mean_deg("total"), old.mean_deg("total")) else "total"
+    errors = [result.mean_deg(error) for result in (new, old)]
+    errs_more = errors[0] is not None and errors[1] is not None and errors[0] > 1.01 * errors[1]
+    rank = (new.cycle_model, compiler_in(new.built_by)) == (old.cycle_model, compiler_in(old.built_by))
+    return errs_more or (rank and (new.cycles or 0) > (old.cycles or 0) > 0)
+
+
+def _verdict(checked: Sequence[LimitResult], *, is_worse: bool) -> tuple[int, str]:
+    """Return exit code and first words of the sentence."""
     failed = [limit for limit in checked if limit.holds is False]
     missing = [limit for limit in checked if limit.holds is None]
     if failed:
-        code, word = 1, f"FAIL: {_limit_words(failed[0])}"
-    elif missing:
-        code, word = 22, f"NOT EVALUATED: {missing[0].name} was not measured"
-    elif comparison and comparison.is_worse:
-        code, word = 21, "REGRESSION"
-    else:
-        code, word = 0, "PASS"
-    return JudgeDocument(
-        __version__, f"{word}. {describe(judged.result, comparison, against)}", code, entries, checked, comparison
-    )
+        return 1, f"FAIL: {_limit_words(failed[0])}"
+    if missing:
+        return 22, f"NOT EVALUATED: {missing[0].name} was not measured"
+    return (21, "REGRESSION") if is_worse else (0, "PASS")
 
 
 def _limit_words(limit: LimitResult) -> str:

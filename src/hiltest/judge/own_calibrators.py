@@ -30,7 +30,7 @@ class OwnCalibrator:
         self.name = name
         self._board: BoardCalibrators = board_calibrators()
         self.cycle_model = self._board.cycle_model
-        self.built_by = _built_by()
+        self.built_by = packaged_compiler()
 
     def answer(self, world: World) -> Answer:
         """Calibrate from the samples of a world."""
@@ -39,7 +39,7 @@ class OwnCalibrator:
 
 
 @cache
-def _built_by() -> str:
+def packaged_compiler() -> str:
     """Return compiler and version of the packaged firmware, in the form of `hiltest.judge.build.Build`."""
     manifest = read_json(default_firmware().with_name("manifest.json"), otherwise="install hiltest again").content
     name, version = re.findall(r"^\S+|\d+\.\d+\.\d+", str(manifest["compiler"]))[:2]

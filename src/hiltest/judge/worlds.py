@@ -232,4 +232,4 @@ def _headings_deg(field: Array, gravity: Array) -> Array:
     """Return tilt-compensated headings, shape (m,), clockwise from north."""
     east = np.cross(gravity, field)
     north = np.cross(east, gravity)
-    return np.degrees(np.arctan2(-east[:, 0], north[:, 0]))
+    return np.degrees(np.arctan2(east[:, 0], north[:, 0]))

@@ -208,7 +208,12 @@ class VirtualCortexM4:
         return CALL_HZ if requested_hz is None else check_clock(requested_hz)
 
     def call(
-        self, symbol: str, *arguments: Argument, timeout_s: float = HANG_S, clock_hz: float | None = None
+        self,
+        symbol: str,
+        *arguments: Argument,
+        timeout_s: float = HANG_S,
+        clock_hz: float | None = None,
+        keeps_ram: bool = False,
     ) -> CallResult:
         """Call one function of the image and count its cycles.
 
@@ -227,6 +232,9 @@ class VirtualCortexM4:
             Virtual time after which the function counts as hung [s].
         clock_hz
             Core clock without boot [Hz], by default 120 MHz; on a running board the clock that its firmware set up.
+        keeps_ram
+            True to leave the variables as an earlier call left them; otherwise each call without boot begins with the
+            initial data of the image.
 
         Returns
         -------
@@ -241,7 +249,7 @@ class VirtualCortexM4:
             If the function faults or hangs.
         """
         clock_hz = self._call_hz(clock_hz)
-        if not self._booted:
+        if not (self._booted or keeps_ram):
             load_running(self.processor.memory, self.image)
         try:
             with self.processor.calls.paused():
