@@ -91,12 +91,12 @@ FAST_CODE __attribute__((noinline)) static attitude_filter_status_t start(attitu
 }
 
 /* Rotations about north and east for a gravity with these horizontal components. */
-INLINE void tilt_correction(attitude_filter_t *state, float north_g, float east_g, float dt_s, float per_age,
+INLINE void tilt_correction(attitude_filter_t *state, float north_g, float east_g, float dt_s, float per_time,
                             float rotation[2])
 {
-    if (per_age > 1.0f / ATTITUDE_FILTER_TILT_TIME_S) {
-        rotation[0] = dt_s * per_age * east_g;
-        rotation[1] = -(dt_s * per_age * north_g);
+    if (per_time > 1.0f / ATTITUDE_FILTER_TILT_TIME_S) {
+        rotation[0] = dt_s * per_time * east_g;
+        rotation[1] = -(dt_s * per_time * north_g);
         return;
     }
     const float gain = dt_s * (TILT_FREQUENCY * TILT_FREQUENCY);
@@ -107,14 +107,15 @@ INLINE void tilt_correction(attitude_filter_t *state, float north_g, float east_
     rotation[1] = dt_s * state->tilt_rate[1];
 }
 
-/* Follow the field with the expected one; return whether the field is near enough to it to tell the heading. */
-INLINE bool field_is_expected(attitude_filter_t *state, float horizontal, float down, float gain)
+/* Follow the field with the expected one; return whether the field is near enough to it to tell the heading. While the
+ * tilt is young, the parts of the field are not known well enough for a gate. */
+INLINE bool field_is_expected(attitude_filter_t *state, float horizontal, float down, float gain, float per_time)
 {
     const float more_horizontal = horizontal - state->field[0], more_down = down - state->field[1];
     const float distance_square = more_horizontal * more_horizontal + more_down * more_down;
     const float gate_square = ATTITUDE_FILTER_FIELD_GATE * ATTITUDE_FILTER_FIELD_GATE *
                               (state->field[0] * state->field[0] + state->field[1] * state->field[1]);
-    const bool expected = distance_square <= gate_square;
+    const bool expected = distance_square <= gate_square || per_time > 1.0f / ATTITUDE_FILTER_TILT_TIME_S;
     if (!expected) {
         gain *= __builtin_sqrtf(gate_square / distance_square); /* counts as one at the gate */
     }
@@ -138,11 +139,11 @@ FAST_CODE attitude_filter_status_t attitude_filter_correct(attitude_filter_t *st
         return ATTITUDE_FILTER_OK;
     }
     state->age_s += dt_s;
-    const float per_age = 1.0f / state->age_s;
+    const float per_time = 2.0f / (state->age_s + dt_s);
     float north[3], east[3], down[3];
     axes_of_attitude(state->attitude, north, east, down);
     float rotation[2];
-    tilt_correction(state, dot3(north, gravity_g), dot3(east, gravity_g), dt_s, per_age, rotation);
+    tilt_correction(state, dot3(north, gravity_g), dot3(east, gravity_g), dt_s, per_time, rotation);
 
     const float to_north = dot3(north, field), to_east = dot3(east, field), to_down = dot3(down, field);
     const float horizontal_square = to_north * to_north + to_east * to_east;
@@ -151,11 +152,11 @@ FAST_CODE attitude_filter_status_t attitude_filter_correct(attitude_filter_t *st
     attitude_filter_status_t status = ATTITUDE_FILTER_FIELD_LEFT_OUT;
     if (field_square > SMALLEST_SQUARE && field_square < LARGEST_SQUARE) {
         const float horizontal = __builtin_sqrtf(horizontal_square);
-        const bool young = per_age > 1.0f / ATTITUDE_FILTER_HEADING_TIME_S;
-        const float gain = dt_s * (young ? per_age : 1.0f / ATTITUDE_FILTER_FIELD_TIME_S);
-        if (field_is_expected(state, horizontal, to_down, gain) && horizontal_square > SMALLEST_SQUARE) {
+        const bool young = per_time > 1.0f / ATTITUDE_FILTER_HEADING_TIME_S;
+        const float gain = dt_s * (young ? per_time : 1.0f / ATTITUDE_FILTER_FIELD_TIME_S);
+        if (field_is_expected(state, horizontal, to_down, gain, per_time) && horizontal_square > SMALLEST_SQUARE) {
             const float sine = to_north > 0.0f ? to_east / horizontal : __builtin_copysignf(1.0f, to_east);
-            about_down = -(sine * dt_s * (young ? per_age : 1.0f / ATTITUDE_FILTER_HEADING_TIME_S));
+            about_down = -(sine * dt_s * (young ? per_time : 1.0f / ATTITUDE_FILTER_HEADING_TIME_S));
             status = ATTITUDE_FILTER_OK;
         }
     }

@@ -8,8 +8,8 @@
  *
  *     rate' = w^2 a - sqrt(2) w rate,
  *
- * and the tilt turns at that rate. The heading follows the field with a gain of dt / heading time. Before those times have
- * passed, tilt and heading follow the means of all measurements instead.
+ * and the tilt turns at that rate. The heading follows the field with a gain of dt / heading time. Before twice these times have
+ * passed, tilt and heading follow means of all measurements, which weigh each one by its time since the start.
  *
  * src/hiltest/orientation/attitude_filter.py is the same in float64; docs/fusion.md derives the numbers below and has the
  * errors on recorded motion.
@@ -28,7 +28,7 @@
 /** Largest distance of the field from the expected one that corrects the heading, in parts of the expected one. */
 #define ATTITUDE_FILTER_FIELD_GATE 0.1f
 
-/** Time constant of the expected field [s]; until the heading's time has passed it is the mean of all. */
+/** Time constant of the expected field [s], once the heading has its own. */
 #define ATTITUDE_FILTER_FIELD_TIME_S 100.0f
 
 /** Result of a step. */

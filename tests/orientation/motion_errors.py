@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.orientation.attitude_errors import AttitudeScore, Estimator, score_estimator
+from hiltest.orientation.attitude_errors import AttitudeScore, Estimator, attitude_errors, score_estimator
 from hiltest.orientation.attitude_filter import AttitudeFilterSettings, filter_attitudes
 from hiltest.orientation.fusion import FusionNoise, fuse, heading_sigma_deg, triad
 from hiltest.orientation.motion_recording import MotionRecording, read_motion_recording
@@ -28,6 +28,10 @@ from .attitude_filters import FirmwareFilter, build
 
 Reals = NDArray[np.float64]
 
+# Starts within the motion, and the seconds after them whose errors are printed.
+STARTS_S = (1, 3, 6, 10, 14, 17, 25)
+AFTER_START_S = (0, 1, 3, 5, 10, 30)
+STANDARD_GRAVITY = 9.80665
 DATA = Path(__file__).parents[3] / "shared" / "data" / "broad"
 # The suite's settings of `fusion`, with the noise and the dip of these recordings; see hiltest.procedures.fusion.
 TILT_DEG, GATE_G = 0.3, 0.1
@@ -102,6 +106,35 @@ def setting_rows(recordings: Sequence[MotionRecording]) -> Iterator[str]:
         yield f"| `{name}` | " + " | ".join(cells) + " |"
 
 
+def start_errors_deg(recording: MotionRecording, estimator: Estimator) -> Reals:
+    """Return the rms errors [deg] in seconds after starts within the motion, shape (starts, seconds)."""
+    rates = recording.gyroscope_rad_s - recording.rest_bias_rad_s()
+    second = round(recording.rate_hz)
+    errors = []
+    for start_s in STARTS_S:
+        first = recording.first_motion + start_s * second
+        part = slice(first, first + (AFTER_START_S[-1] + 1) * second)
+        attitudes = estimator(
+            rates[part],
+            -recording.acceleration_m_s2[part] / STANDARD_GRAVITY,
+            recording.field_ut[part],
+            recording.rate_hz,
+        )
+        total_deg = attitude_errors(attitudes, recording.truth[part]).total_deg
+        seconds = (total_deg[after * second : (after + 1) * second] for after in AFTER_START_S)
+        errors.append([np.sqrt(np.nanmean(values**2)) for values in seconds])
+    return np.array(errors)
+
+
+def start_rows(recordings: Sequence[MotionRecording], estimator: Estimator) -> Iterator[str]:
+    """Yield a table of the errors after starts within the motion."""
+    errors = np.concatenate([start_errors_deg(recording, estimator) for recording in recordings])
+    yield "| seconds after the start | " + " | ".join(map(str, AFTER_START_S)) + " |"
+    yield "|---" + "|--:" * len(AFTER_START_S) + "|"
+    for name, row in (("median", np.median(errors, axis=0)), ("largest", errors.max(axis=0))):
+        yield f"| {name} of {len(errors)} | " + " | ".join(f"{value:.1f}" for value in row) + " |"
+
+
 def cell(*scores: AttitudeScore) -> str:
     """Return the means of total, heading and inclination error."""
     errors = [(score.total_deg, score.heading_deg, score.inclination_deg) for score in scores]
@@ -119,6 +152,7 @@ def main() -> None:
         tables = (
             trial_rows(recordings, estimators),
             phase_rows(recordings, filter_attitudes),
+            start_rows(recordings, filter_attitudes),
             setting_rows(recordings),
         )
         for table in tables:

@@ -39,7 +39,7 @@ class AttitudeFilterSettings:
     field_gate: float = 0.1
     """Largest distance of the field from the expected field, in parts of the latter, that corrects the heading."""
     field_time_s: float = 100.0
-    """Time constant of the expected field, after the first `heading_time_s`."""
+    """Time constant of the expected field, once the heading has its own."""
 
 
 class AttitudeFilterStatus(IntEnum):
@@ -71,13 +71,17 @@ class AttitudeFilter:
     magnetic disturbance rejection", Information Fusion 91, 2023, section 3). That frame is corrected until the filtered
     vector is vertical, so of the filter's state only the rate of the two horizontal components remains: with the
     horizontal acceleration ``a`` in g and ``w = sqrt(2) / tilt_time``, ``rate' = w^2 a - sqrt(2) w rate`` and the tilt
-    turns at ``rate``. During the first `tilt_time_s` the correction is the mean of all accelerations.
+    turns at ``rate``.
 
-    The heading follows the field's direction with a gain of ``dt / heading_time``, or ``dt / age`` while the filter is
-    younger, which is the mean of all headings. A field is used if its horizontal and vertical parts are near those
-    expected. The expected parts are the mean of the measured ones during the first `heading_time_s`, and follow
-    them with a gain of ``dt / field_time`` after it. A field beyond the gate counts as one at the gate: a strong magnet
-    moves the expected field no faster than a weak one, and a new place is accepted in the end.
+    The heading follows the field's direction with a gain of ``dt / heading_time``. A field is used if its horizontal
+    and vertical parts are near those expected, which follow the measured ones with a gain of ``dt / field_time``. A
+    field beyond the gate counts there as one at the gate: a strong magnet moves the expected field no faster than a
+    weak one, and a new place is accepted in the end.
+
+    A young filter takes means instead, with the gain ``2 dt / (age + dt)``: they weigh each measurement by its time
+    since the start, so a start in motion is forgotten. It does so until that gain falls to the final one: for
+    twice the tilt's time constant, and for heading and expected field twice the heading's. While the tilt is young,
+    each field is expected.
     """
 
     def __init__(self, bias_rad_s: ArrayLike, settings: AttitudeFilterSettings | None = None) -> None:
@@ -152,8 +156,9 @@ class AttitudeFilter:
         self._age_s += dt_s
         earth = self._earth_rows()
         north, east, _ = (_dot(row, gravity_g) for row in earth)
-        about_north, about_east = self._tilt_correction(north, east, dt_s)
-        about_down = self._heading_correction([_dot(row, field) for row in earth], dt_s)
+        per_time = 2.0 / (self._age_s + dt_s)
+        about_north, about_east = self._tilt_correction(north, east, dt_s, per_time)
+        about_down = self._heading_correction([_dot(row, field) for row in earth], dt_s, per_time)
         self._rotate(about_north, about_east, about_down or 0.0)
         return AttitudeFilterStatus.FIELD_LEFT_OUT if about_down is None else AttitudeFilterStatus.OK
 
@@ -172,11 +177,10 @@ class AttitudeFilter:
         self._started = True
         return AttitudeFilterStatus.OK
 
-    def _tilt_correction(self, north: float, east: float, dt_s: float) -> tuple[float, float]:
+    def _tilt_correction(self, north: float, east: float, dt_s: float, per_time: float) -> tuple[float, float]:
         """Return the rotations about north and east [rad] for a gravity that has these horizontal components."""
-        if self._age_s < self._settings.tilt_time_s:
-            gain = dt_s / self._age_s
-            return gain * east, -gain * north
+        if per_time > 1.0 / self._settings.tilt_time_s:
+            return dt_s * per_time * east, -dt_s * per_time * north
         frequency = math.sqrt(2.0) / self._settings.tilt_time_s
         gain, loss = dt_s * frequency * frequency, dt_s * math.sqrt(2.0) * frequency
         about_north, about_east = self._tilt_rate
@@ -185,7 +189,7 @@ class AttitudeFilter:
         self._tilt_rate = (about_north, about_east)
         return dt_s * about_north, dt_s * about_east
 
-    def _heading_correction(self, field: Sequence[float], dt_s: float) -> float | None:
+    def _heading_correction(self, field: Sequence[float], dt_s: float, per_time: float) -> float | None:
         """Return the rotation about down [rad] for a field in the earth frame; None if the field is left out."""
         north, east, down = field
         horizontal = math.hypot(north, east)
@@ -194,18 +198,19 @@ class AttitudeFilter:
         expected_horizontal, expected_down = self._field
         gate = self._settings.field_gate * math.hypot(expected_horizontal, expected_down)
         distance = math.hypot(horizontal - expected_horizontal, down - expected_down)
-        young = self._age_s < self._settings.heading_time_s
-        gain = dt_s / (self._age_s if young else self._settings.field_time_s)
-        if distance > gate:
+        is_expected = distance <= gate or per_time > 1.0 / self._settings.tilt_time_s
+        young = per_time > 1.0 / self._settings.heading_time_s
+        gain = dt_s * (per_time if young else 1.0 / self._settings.field_time_s)
+        if not is_expected:
             gain *= gate / distance
         self._field = (
             expected_horizontal + gain * (horizontal - expected_horizontal),
             expected_down + gain * (down - expected_down),
         )
-        if distance > gate or horizontal <= _SMALLEST_NORM:
+        if not is_expected or horizontal <= _SMALLEST_NORM:
             return None
         sine = east / horizontal if north > 0.0 else math.copysign(1.0, east)
-        return -sine * dt_s / min(self._age_s, self._settings.heading_time_s)
+        return -sine * dt_s * (per_time if young else 1.0 / self._settings.heading_time_s)
 
     def _earth_rows(self) -> tuple[tuple[float, float, float], ...]:
         """Return north, east and down in the body frame."""
