@@ -60,9 +60,10 @@ FAST_CODE float moments_residual(const moments_t *sums, const quadric_t *quadric
            d->linear[2] * s->zzz + d->constant * s->zz;
 }
 
-/* [sum |grad D|^2] = 4 (sum A^2 . [p p'] + (A g) . [sum p]) + n g . g */
-static inline float squared_slopes(const moments_t *s, const quadric_t *d)
+FAST_CODE float moments_squared_slopes(const moments_t *adjusted, const quadric_t *quadric)
 {
+    const moments_t *const s = adjusted;
+    const quadric_t *const d = quadric;
     const symmetric_t *const a = &d->shape;
     const float gx = d->linear[0], gy = d->linear[1], gz = d->linear[2];
     const float xx = a->xx * a->xx + a->xy * a->xy + a->xz * a->xz;
@@ -79,5 +80,5 @@ static inline float squared_slopes(const moments_t *s, const quadric_t *d)
 
 FAST_CODE float moments_noise_step(const moments_t *adjusted, const quadric_t *quadric)
 {
-    return moments_residual(adjusted, quadric) / squared_slopes(adjusted, quadric);
+    return moments_residual(adjusted, quadric) / moments_squared_slopes(adjusted, quadric);
 }

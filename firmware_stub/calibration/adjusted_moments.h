@@ -39,6 +39,15 @@ void moments_adjust(const moments_t *sums, float variance, moments_t *adjusted);
 float moments_noise_step(const moments_t *adjusted, const quadric_t *quadric);
 
 /**
+ * Return `[sum |grad D|^2] = 4 (sum A^2 . [p p'] + (A g) . [sum p]) + n g . g`.
+ *
+ * @param adjusted moments
+ * @param quadric D
+ * @return sum [counts^2]
+ */
+float moments_squared_slopes(const moments_t *adjusted, const quadric_t *quadric);
+
+/**
  * Return sum D z^2, which for D fitted by least squares is sum D^2.
  *
  * @param sums moments that the quadric was fitted to

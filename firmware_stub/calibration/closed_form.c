@@ -9,10 +9,10 @@
 /* Of n level^2. float32 resolves no smaller sum D^2; noise of 0.05 % of the field leaves as much. */
 #define SMALLEST_RESIDUAL 1.0e-6f
 
-/* Predict the rms angle between directions by an ellipsoid and the true ones, over the sphere, and compare it with the largest. */
-static FAST_CODE bool is_accurate(const moments_t *s, float residual, float bias_share, const solution_t *solution,
-                                  const ellipsoid_t *ellipsoid)
+FAST_CODE bool fit_is_accurate(const moments_t *sums, float residual, float bias_share, const solution_t *solution,
+                               const ellipsoid_t *ellipsoid)
 {
+    const moments_t *const s = sums;
     const float *const w = solution->weakest;
     const float x = ellipsoid->centre[0], y = ellipsoid->centre[1], z = ellipsoid->centre[2];
     const float n = s->one, inverse_level = 1.0f / ellipsoid->level;
@@ -48,7 +48,7 @@ FAST_CODE bool fit_ellipsoid(const moments_t *sums, float bias_share, solution_t
         fit_nothing(FIT_NOT_AN_ELLIPSOID, fit);
         return false;
     }
-    if (!is_accurate(sums, moments_residual(sums, &solution->quadric), bias_share, solution, ellipsoid)) {
+    if (!fit_is_accurate(sums, moments_residual(sums, &solution->quadric), bias_share, solution, ellipsoid)) {
         fit_nothing(FIT_POOR_COVERAGE, fit);
         return false;
     }

@@ -45,6 +45,18 @@
 bool fit_ellipsoid(const moments_t *sums, float bias_share, solution_t *solution, ellipsoid_t *ellipsoid, magnetometer_fit_t *fit);
 
 /**
+ * Predict the rms angle between directions by an ellipsoid and the true ones, over the sphere, and compare it with the largest.
+ *
+ * @param sums moments that the quadric was fitted to
+ * @param residual sum D^2 over the points, with their noise [counts^4]
+ * @param bias_share see `fit_ellipsoid`
+ * @param solution the quadric, and what its normal equations leave undetermined
+ * @param ellipsoid of the solution
+ * @return whether the prediction is at most LARGEST_DIRECTION_ERROR_DEG
+ */
+bool fit_is_accurate(const moments_t *sums, float residual, float bias_share, const solution_t *solution, const ellipsoid_t *ellipsoid);
+
+/**
  * Store the symmetric matrix and the offset that take an ellipsoid to the unit sphere.
  *
  * @param quadric what the ellipsoid is of

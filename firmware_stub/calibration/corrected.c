@@ -14,11 +14,13 @@
 /* Simulated at 2.5 uT and 1000 points: median error 1.03 degrees without a step, 0.496 after one, 0.489 after two and any more. */
 #define NEWTON_STEPS 2
 
-/* With fewer points, or more noise, the fit's variance outweighs the bias that it is rid of. The noise is that of a calibrated
- * reading, rms of an axis: sqrt(s trace(C C') / 3), where C = sqrt(A / level) and A has trace 1. */
+/* With fewer points the fit's variance outweighs the bias that it is rid of. */
 #define FEWEST_POINTS 50
-#define LARGEST_NOISE 0.1f
-#define LARGEST_VARIANCE (3.0f * LARGEST_NOISE * LARGEST_NOISE) /* of level */
+
+/* From this noise on the moments without it are so much smaller that the error is predicted again from them. The noise is that of a
+ * calibrated reading, rms of an axis: sqrt(s trace(C C') / 3), where C = sqrt(A / level) and A has trace 1. */
+#define LARGE_NOISE 0.1f
+#define LARGE_VARIANCE (3.0f * LARGE_NOISE * LARGE_NOISE) /* of level */
 
 /* A variance that leaves no ellipsoid is too large. What these shrink it to together, 6 %, would correct nothing. */
 #define SHRINK 0.7f
@@ -46,6 +48,16 @@ static FAST_CODE bool largest_ellipsoid(const moments_t *sums, adjusted_t *fit)
     return false;
 }
 
+/* Noise of variance s adds s [sum |grad D|^2] to a sum D^2 that is zero without it. */
+static FAST_CODE bool is_accurate(const adjusted_t *fit)
+{
+    if (fit->variance < LARGE_VARIANCE * fit->ellipsoid.level) {
+        return true; /* the prediction of `direct` holds */
+    }
+    const float residual = fit->variance * moments_squared_slopes(&fit->sums, &fit->solution.quadric);
+    return fit_is_accurate(&fit->sums, residual, BIAS_LEFT, &fit->solution, &fit->ellipsoid);
+}
+
 /* Take Newton steps, at least one, from the fit of `direct`, whose quadric is in `fit`; false when what they lead to is not to be used. */
 static FAST_CODE bool newton(const moments_t *sums, uint16_t steps, adjusted_t *fit)
 {
@@ -57,7 +69,7 @@ static FAST_CODE bool newton(const moments_t *sums, uint16_t steps, adjusted_t *
             return false;
         }
     }
-    return fit->variance < LARGEST_VARIANCE * fit->ellipsoid.level;
+    return is_accurate(fit);
 }
 
 FAST_CODE void magnetometer_corrected(const magnetometer_points_t *points, magnetometer_fit_t *fit)

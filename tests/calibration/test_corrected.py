@@ -121,12 +121,48 @@ def test_a_variance_that_leaves_no_ellipsoid_is_shrunk() -> None:
     assert backed_off > 0
 
 
+@pytest.mark.slow
+def test_with_a_tenth_of_the_field_as_noise_it_removes_the_bias_as_well() -> None:
+    """200 instances, 5 uT, 1000 points: 1.16 degrees against 2.60 of `direct`, whose fit it was before."""
+    drawn = [instance(seed, 1000, noise_ut=5.0) for seed in range(200)]
+
+    def median_deg(fit_of) -> float:
+        fits = [fit_of(draw.points_counts, largest_error_deg=np.inf) for draw in drawn]
+        assert all(fit.has_fit for fit in fits)
+        errors = [direction_error_deg(lambda _, fit=fit: fit, draw) for fit, draw in zip(fits, drawn, strict=True)]
+        return float(np.median(errors))
+
+    direct_deg, corrected_deg = median_deg(fit_direct), median_deg(fit_corrected)
+    print(f"direct {direct_deg:.2f}, corrected {corrected_deg:.2f} deg")
+    # A median of 200 errors that spread by 1 degree is known within 0.1.
+    assert corrected_deg <= 1.3
+    assert corrected_deg <= direct_deg / 2.0
+
+
+@pytest.mark.parametrize(("noise_ut", "count"), [(6.0, 300), (8.0, 300), (8.0, 1000)])
+def test_much_noise_is_answered_and_refused_by_the_error_that_the_corrected_sums_predict(
+    noise_ut: float, count: int
+) -> None:
+    answers = 0
+    too_far = 0
+    for seed in range(60):
+        drawn = instance(seed, count, noise_ut=noise_ut)
+        fit = fit_corrected(drawn.points_counts)
+        if fit.iterations:
+            answers += 1
+            too_far += direction_error_deg(lambda _points, fit=fit: fit, drawn) > 5.0
+    # 55 % to 80 % of the seeds get an answer of which one in ten may err by more than the 5 degrees of the prediction,
+    # an rms; without the prediction from the corrected sums it is one in five with 300 points of 8 uT.
+    assert answers > 25
+    assert too_far <= answers / 10
+
+
 @pytest.mark.parametrize(
     ("count", "noise_ut", "falls_back"),
-    [(49, 1.0, True), (50, 1.0, False), (400, 3.0, False), (400, 9.0, True)],
+    [(49, 1.0, True), (50, 1.0, False), (400, 3.0, False), (400, 9.0, False)],
     ids=["49 points", "50 points", "noise of 6 %", "noise of 18 %"],
 )
-def test_few_points_and_much_noise_are_left_to_direct(count: int, noise_ut: float, *, falls_back: bool) -> None:
+def test_few_points_are_left_to_direct_and_noise_is_not(count: int, noise_ut: float, *, falls_back: bool) -> None:
     for seed in range(20):
         points = instance(seed, count, noise_ut=noise_ut, covered=(0.9, 1.0), stretch=0.1).points_counts
         fit, direct = fit_corrected(points), fit_direct(points)

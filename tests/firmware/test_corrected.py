@@ -20,6 +20,7 @@ NOISE_UT = 2.5
         (60, 5.0, (0.5, 1.0)),
         (50, 4.0, (0.5, 1.0)),
         (60, 10.0, (0.5, 1.0)),
+        (300, 8.0, (0.5, 1.0)),
         (512, 5.0, (0.5, 0.6)),
         (300, 0.0, (0.5, 1.0)),
     ],
@@ -37,10 +38,10 @@ def test_noise_that_shrinks_or_refuses_the_step_does_so_in_both(
     assert 2 in ends
 
 
-@pytest.mark.parametrize(("count", "noise_ut"), [(9, 0.3), (49, 0.3), (300, 9.0)])
-def test_few_points_and_much_noise_have_the_bits_of_direct(calibrators: Any, count: int, noise_ut: float) -> None:
+@pytest.mark.parametrize("count", [9, 49])
+def test_few_points_have_the_bits_of_direct(calibrators: Any, count: int) -> None:
     for seed in range(20):
-        points = instance(seed, count, noise_ut=noise_ut, covered=(0.9, 1.0), stretch=0.1).points_counts
+        points = instance(seed, count, covered=(0.9, 1.0), stretch=0.1).points_counts
         ours, direct = (calibrators.calibrate(name, points) for name in ("corrected", "direct"))
         assert (ours.status, ours.iterations, ours.coverage) == (direct.status, 0, direct.coverage)
         assert np.array_equal(ours.soft_iron, direct.soft_iron)

@@ -92,7 +92,7 @@ def fit_about(
         residual,
         centre / unit,
         level / unit**2,
-        *_inverse_factors(normal),
+        *inverse_factors(normal),
         bias_share=bias_share,
     )
     if not variance <= math.radians(largest_error_deg) ** 2:
@@ -156,7 +156,7 @@ def direction_variance(
     return predicted
 
 
-def _inverse_factors(normal: Array) -> tuple[Array, Array]:
+def inverse_factors(normal: Array) -> tuple[Array, Array]:
     """Return the last column of the inverse of a normal matrix, and its pivots in L D L^T."""
     constant = np.linalg.solve(normal, np.eye(len(normal))[-1])
     return constant, np.diag(np.linalg.cholesky(normal)) ** 2
