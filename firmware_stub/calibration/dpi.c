@@ -4,8 +4,9 @@
 #include "dpi_sums.h"
 #include "fast_code.h"
 #include "fit_result.h"
+#include "gravity_equations.h"
 
-#define UNKNOWNS 12
+#define UNKNOWNS GRAVITY_UNKNOWNS
 
 /* The dot product must be this many of its standard errors: below, noise and not the dip makes the fit's scale. */
 #define SIGNIFICANCE 5.0f
@@ -14,14 +15,8 @@
  * that err by 1.6 degrees; of 20 degrees 140 and 6.5; pairs that never tilt 1e6 and more. */
 #define COVERAGE_LIMIT 100.0f
 
-/* The same for the last pivot, which falls with the square of the dip besides. */
-#define LAST_PIVOT_LIMIT 1.0e6f
-
-/* Rows 0..11 are the normal equations' lower triangle, row 12 the target. */
-typedef float augmented_t[UNKNOWNS + 1][UNKNOWNS];
-
 /* Lower triangle or all of block (i, j), which is symmetric in itself; coordinates divided by the unit. */
-static FAST_CODE void place(const dpi_block_t *b, float scale, float per_row, int i, int j, augmented_t m)
+static FAST_CODE void place(const dpi_block_t *b, float scale, float per_row, int i, int j, gravity_equations_t m)
 {
     const float second = scale * scale;
     const float rows[4][4] = {
@@ -37,7 +32,7 @@ static FAST_CODE void place(const dpi_block_t *b, float scale, float per_row, in
     }
 }
 
-static FAST_CODE void assemble(const dpi_sums_t *sums, augmented_t m)
+static FAST_CODE void assemble(const dpi_sums_t *sums, gravity_equations_t m)
 {
     const float scale = 1.0f / sums->unit, per_row = 1.0f / (float)sums->count;
     for (int i = 0; i < 3; i++) {
@@ -49,44 +44,6 @@ static FAST_CODE void assemble(const dpi_sums_t *sums, augmented_t m)
     place(&sums->beside[0], scale, per_row, 1, 0, m);
     place(&sums->beside[1], scale, per_row, 2, 1, m);
     place(&sums->beside[2], scale, per_row, 2, 0, m);
-}
-
-/* Factor, carrying the target along: row 12 then holds L^-1 times it, and the diagonal the pivots. Returns the coverage, or
- * LAST_PIVOT_LIMIT when a pivot vanishes. */
-static FAST_CODE float factor(augmented_t m)
-{
-    float largest = 0.0f, scaled[UNKNOWNS];
-    for (int j = 0; j < UNKNOWNS; j++) {
-        for (int k = 0; k < j; k++) {
-            scaled[k] = m[j][k] / m[k][k];
-        }
-        for (int i = j; i <= UNKNOWNS; i++) {
-            float value = m[i][j];
-            for (int k = 0; k < j; k++) {
-                value -= m[i][k] * scaled[k];
-            }
-            m[i][j] = value;
-        }
-        const float ratio = (j % 4 == 0 ? 1.0f / 3.0f : 1.0f / 9.0f) / m[j][j];
-        if (!(m[j][j] > 0.0f) || !(ratio < LAST_PIVOT_LIMIT)) {
-            return LAST_PIVOT_LIMIT;
-        }
-        if (j < UNKNOWNS - 1 && ratio > largest) {
-            largest = ratio;
-        }
-    }
-    return largest;
-}
-
-static FAST_CODE void substitute(augmented_t m, float x[UNKNOWNS])
-{
-    for (int i = UNKNOWNS - 1; i >= 0; i--) {
-        x[i] = m[UNKNOWNS][i];
-        for (int k = i + 1; k < UNKNOWNS; k++) {
-            x[i] -= m[k][i] * x[k];
-        }
-        x[i] /= m[i][i];
-    }
 }
 
 /* The part of 1 that the solution explains: the mean of the fitted dot products. */
@@ -119,22 +76,6 @@ static FAST_CODE float mean_square(const dpi_sums_t *sums, const float x[UNKNOWN
     return total / weight;
 }
 
-/* Adjugate of the gain in x, row-major; returns its determinant. */
-static FAST_CODE float adjugate_of(const float x[UNKNOWNS], float adjugate[9])
-{
-    const float *const a = x + 1, *const b = x + 5, *const c = x + 9;
-    adjugate[0] = b[1] * c[2] - b[2] * c[1];
-    adjugate[1] = a[2] * c[1] - a[1] * c[2];
-    adjugate[2] = a[1] * b[2] - a[2] * b[1];
-    adjugate[3] = b[2] * c[0] - b[0] * c[2];
-    adjugate[4] = a[0] * c[2] - a[2] * c[0];
-    adjugate[5] = a[2] * b[0] - a[0] * b[2];
-    adjugate[6] = b[0] * c[1] - b[1] * c[0];
-    adjugate[7] = a[1] * c[0] - a[0] * c[1];
-    adjugate[8] = a[0] * b[1] - a[1] * b[0];
-    return a[0] * adjugate[0] + a[1] * adjugate[3] + a[2] * adjugate[6];
-}
-
 static FAST_CODE fit_status_t check_sine(float sine, float wanted, float standard_error)
 {
     const float least = SIGNIFICANCE * standard_error;
@@ -144,27 +85,13 @@ static FAST_CODE fit_status_t check_sine(float sine, float wanted, float standar
     return sine * wanted > 0.0f ? FIT_ELLIPSOID : FIT_MIRRORED;
 }
 
-static FAST_CODE void store(const dpi_sums_t *sums, const float x[UNKNOWNS], const float adjugate[9], float determinant,
-                            float factor_of_gain, magnetometer_fit_t *fit)
-{
-    for (int r = 0; r < 3; r++) {
-        for (int c = 0; c < 3; c++) {
-            fit->soft_iron[3 * r + c] = factor_of_gain * x[4 * r + 1 + c] / sums->unit;
-        }
-        const float *const row = &adjugate[3 * r];
-        fit->hard_iron[r] =
-            sums->anchor[r] - sums->unit * (row[0] * x[0] + row[1] * x[4] + row[2] * x[8]) / determinant;
-    }
-    fit->status = FIT_ELLIPSOID;
-}
-
 static FAST_CODE void calibrate(const dpi_sums_t *sums, const float x[UNKNOWNS], const dpi_known_t *known,
                                 dpi_fit_t *result)
 {
     float adjugate[9];
     const float n = (float)sums->count;
     const float explained = explained_part(sums, x);
-    const float determinant = adjugate_of(x, adjugate);
+    const float determinant = gravity_adjugate(x, adjugate);
     const float square = mean_square(sums, x);
     if (!(explained > 0.0f) || !(square > 0.0f) || determinant == 0.0f) {
         fit_nothing(FIT_SINGULAR, &result->fit);
@@ -178,7 +105,9 @@ static FAST_CODE void calibrate(const dpi_sums_t *sums, const float x[UNKNOWNS],
     const float wanted = known->dip_is_given != 0u ? known->sine : result->sine;
     const fit_status_t status = check_sine(result->sine, wanted, result->standard_error);
     if (status == FIT_ELLIPSOID) {
-        store(sums, x, adjugate, determinant, wanted / explained, &result->fit);
+        const gravity_solution_t solution = {
+            .x = x, .adjugate = adjugate, .determinant = determinant, .anchor = sums->anchor, .unit = sums->unit};
+        gravity_store(&solution, wanted / explained, &result->fit);
     } else {
         fit_nothing(status, &result->fit);
     }
@@ -196,17 +125,22 @@ static FAST_CODE void begin(uint16_t count, dpi_fit_t *result)
 
 static FAST_CODE void solve(const dpi_sums_t *sums, const dpi_known_t *known, dpi_fit_t *result)
 {
-    augmented_t m;
+    gravity_equations_t m;
+    gravity_column_t column;
     float x[UNKNOWNS];
     if (!(sums->unit > 0.0f)) {
         return;
     }
     assemble(sums, m);
-    result->fit.coverage = factor(m);
+    for (int i = 0; i <= UNKNOWNS; i++) {
+        column.border[i] = 0.0f;
+    }
+    column.share = 0.0f;
+    result->fit.coverage = gravity_factor(m, &column);
     if (!(result->fit.coverage <= COVERAGE_LIMIT)) {
         return;
     }
-    substitute(m, x);
+    gravity_substitute(m, &column, x);
     calibrate(sums, x, known, result);
 }
 

@@ -1,24 +1,18 @@
 #include "dpi_sums.h"
 
 #include "fast_code.h"
+#include "gravity_row.h"
 
 /* How many rows are made before they are added: to load and store the sums takes 216 cycles, whatever their number. */
 #define ROWS 50u
 
-#define INLINE static inline __attribute__((always_inline))
+#define INLINE GRAVITY_INLINE
 
 /* Counts of both sensors at one instant, the magnetometer's relative to the anchor. */
 typedef struct {
     float u[3];
     float a[3];
 } counts_t;
-
-/* What makes gravity [g] of acceleration counts: the gain, and gravity without acceleration counts, -gain * offset. A copy stays in
- * registers, for what rows are stored into cannot overlap it. */
-typedef struct {
-    float gain[9];
-    float at_zero[3];
-} gravity_t;
 
 INLINE counts_t pair_at(const dpi_pairs_t *pairs, const int32_t anchor[3], uint32_t index)
 {
@@ -37,29 +31,17 @@ INLINE counts_t pose_at(const dpi_poses_t *poses, const float anchor[3], uint32_
     return (counts_t){.u = {m[0] - anchor[0], m[1] - anchor[1], m[2] - anchor[2]}, .a = {a[0], a[1], a[2]}};
 }
 
-/* One component of gravity [g]: a row of the gain, and what the offset makes of it. */
-INLINE float component(const float row[3], float at_zero, const float a[3])
-{
-    return row[0] * a[0] + row[1] * a[1] + row[2] * a[2] + at_zero;
-}
-
 INLINE void store(const gravity_t *gravity, counts_t counts, dpi_row_t *row)
 {
     const float *const gain = gravity->gain, *const at_zero = gravity->at_zero;
-    const float x = component(gain, at_zero[0], counts.a), y = component(gain + 3, at_zero[1], counts.a),
-                z = component(gain + 6, at_zero[2], counts.a);
+    const float x = gravity_component(gain, at_zero[0], counts.a), y = gravity_component(gain + 3, at_zero[1], counts.a),
+                z = gravity_component(gain + 6, at_zero[2], counts.a);
     row->g[0] = x;
     row->g[1] = y;
     row->g[2] = z;
     row->u[0] = counts.u[0];
     row->u[1] = counts.u[1];
     row->u[2] = counts.u[2];
-}
-
-INLINE void clear_block(dpi_block_t *block)
-{
-    block->one = block->x = block->y = block->z = 0.0f;
-    block->xx = block->xy = block->xz = block->yy = block->yz = block->zz = 0.0f;
 }
 
 static FAST_CODE void clear(dpi_sums_t *sums)
@@ -70,18 +52,6 @@ static FAST_CODE void clear(dpi_sums_t *sums)
         for (int k = 0; k < 4; k++) {
             sums->target[i][k] = 0.0f;
         }
-    }
-}
-
-static FAST_CODE void gravity_of(const dpi_known_t *known, gravity_t *gravity)
-{
-    const accelerometer_calibration_t *const it = &known->accelerometer;
-    for (int axis = 0; axis < 3; axis++) {
-        const float *const row = &it->gain[3 * axis];
-        for (int k = 0; k < 3; k++) {
-            gravity->gain[3 * axis + k] = row[k];
-        }
-        gravity->at_zero[axis] = -component(row, 0.0f, it->offset);
     }
 }
 

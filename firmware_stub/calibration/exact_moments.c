@@ -59,8 +59,9 @@ INLINE void shift(uint64_t *m, int stride, int last, int32_t t)
     }
 }
 
-/* Of one coordinate, with all powers of the two others, whose powers lie `one` and `other` apart. */
-INLINE void shift_axis(uint64_t *m, int stride, int one, int other, int32_t t)
+/* Of one coordinate, with all powers of the two others, whose powers lie `one` and `other` apart. One copy for all three saves 2 KiB of
+ * fast code. */
+static FAST_CODE __attribute__((noinline)) void shift_axis(uint64_t *m, int stride, int one, int other, int32_t t)
 {
 #pragma GCC unroll 5
     for (int first = 0; first < 4; first++) {
@@ -72,8 +73,8 @@ INLINE void shift_axis(uint64_t *m, int stride, int one, int other, int32_t t)
 }
 
 /* In two words, each converted exactly or nearly so. One that fits 32 bits must not go that way: its upper word would be -1 and
- * its lower one close to 2^32, where float32 steps by 256. */
-INLINE float rounded(uint64_t value)
+ * its lower one close to 2^32, where float32 steps by 256. 34 calls take 1.3 KiB less of fast code than 34 copies. */
+static FAST_CODE __attribute__((noinline)) float rounded(uint64_t value)
 {
     const int32_t low = (int32_t)value;
     if ((int64_t)value == low) {

@@ -32,7 +32,7 @@ typedef enum {
     FIT_SINGULAR,         /**< points on a plane, a line or one spot; no fit */
     FIT_NOT_CONVERGED,    /**< iteration limit reached; the fit is the ellipsoid found by then */
     FIT_HORIZONTAL_FIELD, /**< of `dpi`: too little dip for a dot product with gravity; no fit */
-    FIT_MIRRORED,         /**< of `dpi`: what fits is a reflection, which no iron is; no fit */
+    FIT_MIRRORED,         /**< of `dpi` and `joint`: what fits is a reflection, which no iron is; no fit */
 } fit_status_t;
 
 /** A calibration: `unit = soft_iron * (counts - hard_iron)` has norm 1 for a good point. */

@@ -21,6 +21,10 @@ RESULT = struct.Struct("<BBH13fH2xff")
 NOMINAL_GAIN = np.eye(3) / 8192.0
 
 
+# By the parameter `joint`.
+FROM_PAIRS = {False: "dpi_from_pairs", True: "joint_from_pairs"}
+
+
 class DpiAnswer:
     """What the kernel answered."""
 
@@ -54,6 +58,7 @@ class DpiKernel(Protocol):
         gain: ArrayLike = ...,
         offset: ArrayLike = ...,
         dip_deg: float | None = None,
+        joint: bool = False,
     ) -> DpiAnswer: ...
 
     def poses(
@@ -90,10 +95,10 @@ class HostDpi:
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
 
-    def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
+    def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, joint=False):  # type: ignore[no-untyped-def]
         rows = [np.ascontiguousarray(item, dtype="<i2") for item in (magnetometer, accelerometer)]
         task = struct.pack("PP", *(row.ctypes.data for row in rows)) + _range(rows[0])
-        return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
+        return self._run(FROM_PAIRS[joint], task, _known(gain, offset, dip_deg))
 
     def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, readings=16):  # type: ignore[no-untyped-def]
         poses = ctypes.create_string_buffer(_poses(magnetometer, accelerometer, readings))
@@ -118,13 +123,13 @@ class BoardDpi:
         assert end <= self.MAGNETOMETER
         self.last: CallResult | None = None
 
-    def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None):  # type: ignore[no-untyped-def]
+    def pairs(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, joint=False):  # type: ignore[no-untyped-def]
         rows = [np.ascontiguousarray(item, dtype="<i2") for item in (magnetometer, accelerometer)]
         memory = self._board.processor.memory
         memory.write(self.MAGNETOMETER, rows[0].tobytes())
         memory.write(self.ACCELEROMETER, rows[1].tobytes())
         task = struct.pack("<II", self.MAGNETOMETER, self.ACCELEROMETER) + _range(rows[0])
-        return self._run("dpi_from_pairs", task, _known(gain, offset, dip_deg))
+        return self._run(FROM_PAIRS[joint], task, _known(gain, offset, dip_deg))
 
     def poses(self, magnetometer, accelerometer, *, gain=NOMINAL_GAIN, offset=(0, 0, 0), dip_deg=None, readings=16):  # type: ignore[no-untyped-def]
         self._board.processor.memory.write(self.MAGNETOMETER, _poses(magnetometer, accelerometer, readings))

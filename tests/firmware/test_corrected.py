@@ -63,7 +63,7 @@ def test_one_step_is_not_converged_and_lies_between(host_calibrators: Any) -> No
         assert np.array_equal(again.soft_iron, both.soft_iron)
 
 
-def test_a_step_costs_1520_cycles_whatever_the_number_of_points(board_calibrators: Any) -> None:
+def test_a_step_costs_1560_cycles_whatever_the_number_of_points(board_calibrators: Any) -> None:
     steps = set()
     for count in (60, 100, 300):
         points = instance(1, count, stretch=0.1, covered=(1.0, 1.0)).points_counts
@@ -73,7 +73,7 @@ def test_a_step_costs_1520_cycles_whatever_the_number_of_points(board_calibrator
         # Two steps and the choice between two fits are all that it does beyond `direct`.
         assert both - direct <= 2 * (both - one) + 150
         steps.add(both - one)
-    assert max(steps) <= 1520
+    assert max(steps) <= 1560
     assert max(steps) - min(steps) <= 30  # the square root's own steps differ by one
 
 
@@ -84,4 +84,4 @@ def test_the_worst_back_off_is_bounded(board_calibrators: Any) -> None:
         for seed in range(100)
     ]
     print(f"corrected, n = 50, much noise: {min(costs)} to {max(costs)} cycles")
-    assert max(costs) <= 103 * 50 + 1700 + 2 * 9 * 1520
+    assert max(costs) <= 103 * 50 + 1700 + 2 * 9 * 1560

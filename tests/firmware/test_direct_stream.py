@@ -228,4 +228,4 @@ def test_adding_and_removing_cost_what_they_cost(board_stream: Callable[[str], B
     print(f"direct-stream: {cycles} cycles, the fit of 100 points {direct.last.cycles}")
     assert max(cycles["add"]) <= 225
     assert max(cycles["remove"]) <= 235
-    assert direct.last.cycles <= 3_700
+    assert direct.last.cycles <= 5_000  # of which 1 000 save 3 KiB of fast code: exact_moments.c

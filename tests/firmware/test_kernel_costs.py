@@ -117,7 +117,7 @@ def direct() -> Costs:
         "`direct`: square root": own["symmetric_square_root"],
         "`direct`: to enter and leave two passes": own["moments_sum"] - of_points,
         "`direct`: middle of the range": own["moments_anchor"],
-        "`direct`: predicted error": own["moments_residual"] + own["fit_ellipsoid"],
+        "`direct`: predicted error": own["moments_residual"] + own["fit_is_accurate"] + own["fit_ellipsoid"],
         "`direct`: the functions around these": sum(own[name] for name in around) - call,
         "an empty calibrator": call,
     }
@@ -210,13 +210,13 @@ def overflow() -> Costs:
     return {"moments, 100 points, one block redone": board.last.cycles}
 
 
-def paired(n: int) -> CallProfile:
-    drawn = dpi_instance(1, n)
+def paired(n: int, fit: str = "dpi") -> CallProfile:
+    drawn = dpi_instance(1, n, turn_deg=8.0 if fit == "dpi" else 0.0)  # without a rotation `joint` takes one step
     points, accelerations = (np.ascontiguousarray(item, "<i2") for item in (drawn.magnetometer, drawn.accelerometer))
     spread = points.min(axis=0), points.max(axis=0)
     pairs = Structure(Address(points), Address(accelerations), np.array([n], "<u2"), *spread)
     reference = np.array([*drawn.gain.ravel(), *drawn.offset, 0.0, 0.0], "<f4")  # the dip is not given
-    return firmware().call("dpi_from_pairs", pairs, reference, bytearray(RESULT.size))
+    return firmware().call(f"{fit}_from_pairs", pairs, reference, bytearray(RESULT.size))
 
 
 def dpi() -> Costs:
@@ -234,7 +234,26 @@ def dpi() -> Costs:
         "`dpi`, a pair: its row": of_a_pair("dpi_sum_pairs"),
         "`dpi`, a pair: its sums": of_a_pair("dpi_add_rows"),
         "`dpi`, without its pairs": fewer.cycles - 300 * pair,
-        "`dpi`: the matrix factored, and all that follows": own["solve"],
+        "`dpi`: the matrix factored, and the unknowns": sum(
+            own[name] for name in ("gravity_reduce", "gravity_factor", "gravity_substitute")
+        ),
+    }
+
+
+def joint() -> Costs:
+    """`joint`: one step, and its parts by what 50 more pairs take."""
+    hundred, fewer, more = (paired(n, "joint") for n in (100, 300, 350))
+    own, own_of_more = own_cycles(fewer), own_cycles(more)
+
+    def of_a_pair(function: str) -> float:
+        return (own_of_more[function] - own[function]) / 50
+
+    return {
+        "`joint`, 100 pairs": hundred.cycles,
+        "`joint`, a pair: its row": of_a_pair("joint_make_rows"),
+        "`joint`, a pair: its sums": of_a_pair("joint_add_rows"),
+        "`joint`: the matrix factored": own["gravity_reduce"] + own["gravity_factor"],
+        "`joint`: the equations, the step and what it leaves": own["refine"] + own["gravity_substitute"],
     }
 
 
@@ -262,6 +281,7 @@ MEASURED = (
     sizes,
     overflow,
     dpi,
+    joint,
     stream,
 )
 
