@@ -19,6 +19,7 @@ from hiltest.link.replies import SensorInfo
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
+    JOINT,
     UNCALIBRATED,
     UNCALIBRATED_SLOT,
     AccelerometerRun,
@@ -277,8 +278,21 @@ def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], ri
 
 
 @pytest.fixture(scope="session")
+def joint(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
+    """Calibration by norms and against gravity together; None if the rig requests none against gravity."""
+    if rig.procedure.dpi == "none":
+        return None
+    return fit_tumble(board, tumble, slot=2 + len(calibrations), dip_deg=rig.field.dip_deg, is_joint=True)
+
+
+@pytest.fixture(scope="session")
 def streams(
-    board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], dpi: DpiRun | None, hil_progress: Progress
+    board: Board,
+    tumble: Tumble,
+    calibrations: dict[str, CalibratorRun],
+    dpi: DpiRun | None,
+    joint: DpiRun | None,
+    hil_progress: Progress,
 ) -> dict[str, StreamRun]:
     """Results of the streaming calibrators on all points of the tumble, in the order of their times."""
     with held_as_taken(board, tumble):
@@ -308,6 +322,7 @@ def requested_angles(
     rig: Rig,
     calibrations: dict[str, CalibratorRun],
     dpi: DpiRun | None,
+    joint: DpiRun | None,
     streams: dict[str, StreamRun],
     accelerometer_fit: AccelerometerFit,
     hil_calibration: ImuCalibration | None,
@@ -318,8 +333,7 @@ def requested_angles(
     """Headings that the board answers at known angles with each calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
-    if dpi is not None and dpi.run.usable:
-        slots[DPI] = dpi.run.slot
+    slots |= {name: fit.run.slot for name, fit in ((DPI, dpi), (JOINT, joint)) if fit is not None and fit.run.usable}
     store_accelerometer(board, accelerometer_fit, list(slots.values()))
     slots |= store_untrimmed(
         board,

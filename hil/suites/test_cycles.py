@@ -12,6 +12,8 @@ from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
     FAST,
+    JOINT,
+    JOINT_SIZES,
     CycleCost,
     FastFit,
     Progress,
@@ -120,7 +122,11 @@ def test_cycles_of_the_calibration_against_gravity(
 ) -> None:
     if rig.procedure.dpi == "none":
         pytest.skip("the rig's [procedure] has no calibration against gravity")
-    cost = measure_dpi_cycles(board, progress=hil_progress)
-    measure_cost(DPI, cost, measure)
-    refuse_work_outside_the_timer({DPI: cost})
-    measure(f"cycles.{DPI}.instructions", cost.instructions, "instruction")
+    costs = {
+        DPI: measure_dpi_cycles(board, progress=hil_progress),
+        JOINT: measure_dpi_cycles(board, sizes=JOINT_SIZES, is_joint=True, progress=hil_progress),
+    }
+    for name, cost in costs.items():
+        measure_cost(name, cost, measure)
+        measure(f"cycles.{name}.instructions", cost.instructions, "instruction")
+    refuse_work_outside_the_timer(costs)

@@ -7,10 +7,12 @@ import pytest
 
 from hiltest.boards import Board
 from hiltest.calibration.dpi import fit_dpi
+from hiltest.calibration.joint import fit_joint_pairs
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
+    JOINT,
     UNCALIBRATED_SLOT,
     DpiRun,
     RequestedAngles,
@@ -58,17 +60,32 @@ def test_gravity_calibrates_the_magnetometer(dpi: DpiRun | None, rig: Rig, measu
     measure_fit(measure, require(dpi), rig)
 
 
-def test_the_boards_arithmetic_does_not_enter(
-    board: Board, dpi: DpiRun | None, known_angles: RequestedAngles, tumble: Tumble, rig: Rig, measure: Measure
+def test_norms_and_gravity_calibrate_the_magnetometer_together(
+    joint: DpiRun | None, rig: Rig, measure: Measure
 ) -> None:
-    if not require(dpi).run.usable:
+    measure_fit(measure, require(joint), rig)
+
+
+@pytest.mark.parametrize("name", [DPI, JOINT])
+def test_the_boards_arithmetic_does_not_enter(
+    name: str,
+    board: Board,
+    dpi: DpiRun | None,
+    joint: DpiRun | None,
+    known_angles: RequestedAngles,
+    tumble: Tumble,
+    rig: Rig,
+    measure: Measure,
+) -> None:
+    if not require(joint if name == JOINT else dpi).run.usable:
         pytest.skip("there is no calibration")
     accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
-    reference = fit_dpi(tumble.points, accelerometer.gravity_g(tumble.accelerometer), dip_deg=rig.field.dip_deg)
+    fit = fit_joint_pairs if name == JOINT else fit_dpi
+    reference = fit(tumble.points, accelerometer.gravity_g(tumble.accelerometer), dip_deg=rig.field.dip_deg)
     errors = heading_errors_deg(known_angles, reference.calibration, accelerometer)
     assert errors is not None
-    differences = (known_angles.error_deg[DPI] - errors + 180.0) % 360.0 - 180.0
-    measure(f"heading.{DPI}.float32_error", float(np.abs(differences).max()), "deg")
+    differences = (known_angles.error_deg[name] - errors + 180.0) % 360.0 - 180.0
+    measure(f"heading.{name}.float32_error", float(np.abs(differences).max()), "deg")
 
 
 @pytest.mark.full

@@ -15,6 +15,7 @@ from hiltest.link.replies import SensorKind
 from hiltest.measurement import Limit
 from hiltest.procedures import (
     DPI,
+    JOINT,
     UNCALIBRATED,
     CalibratorRun,
     KnownAngles,
@@ -143,7 +144,7 @@ def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig
 
     A streaming calibrator has none, because its accuracy depends on the points so far.
     """
-    if name not in calibrations and name not in (DPI, CALIBRATION_FILE):
+    if name not in calibrations and name not in (DPI, JOINT, CALIBRATION_FILE):
         return {}
     by_hand_deg, mounting_deg = rig.guard_band_deg(f"heading.{DPI}.bias"), rig.mounting and rig.mounting.uncertainty_deg
     bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG)

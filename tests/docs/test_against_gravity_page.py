@@ -14,7 +14,7 @@ PAGE = (ROOT / "docs" / "against-gravity.md").read_text(encoding="utf-8")
 
 def test_statuses_are_those_that_end_without_a_calibration() -> None:
     named = set(re.findall(r"`([A-Z]{3}[A-Z_]+)`", PAGE))
-    assert named == {"SINGULAR", "TOO_FEW_POINTS", "HORIZONTAL_FIELD", "MIRRORED"}
+    assert named == {"SINGULAR", "TOO_FEW_POINTS", "HORIZONTAL_FIELD", "MIRRORED", "POOR_COVERAGE"}
     assert named <= set(FitStatus.__members__)
 
 

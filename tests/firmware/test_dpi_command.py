@@ -9,6 +9,7 @@ import pytest
 
 from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import fit_dpi
+from hiltest.calibration.joint import fit_joint_pairs
 from hiltest.calibration.still_pose import Face, StillPose
 from hiltest.link.accelerometer import SetAccelerometer
 from hiltest.link.dpi import DpiReply, DpiSource, FitDpi
@@ -77,6 +78,21 @@ def test_the_board_fits_the_first_pairs_with_the_slots_accelerometer(
     assert answer.cost is not None
 
 
+@pytest.mark.parametrize(("n", "dip_deg"), [(100, None), (320, None), (320, 60.0)])
+def test_the_board_fits_norms_and_gravity_together(
+    loaded: Bench, drawn: DpiInstance, n: int, dip_deg: float | None
+) -> None:
+    answer = fitted(loaded, FitDpi(n, 5, dip_deg=dip_deg, is_joint=True))
+    reference = fit_joint_pairs(drawn.magnetometer[:n], drawn.gravity_g[:n], dip_deg=dip_deg)
+    assert (answer.fit, answer.n_used) == (FitStatus.ELLIPSOID, n)
+    assert answer.iterations == reference.calibration.iterations == 2  # the sensors are 8 degrees apart
+    # The margins of C against the reference, of 0.002 counts^-1 and 62 degrees; a given dip scales nothing.
+    assert np.allclose(answer.calibration.soft_iron, reference.calibration.soft_iron, rtol=0, atol=1e-7)
+    assert answer.dip_deg == pytest.approx(reference.dip_deg, abs=0.002)
+    assert answer.strength_counts == pytest.approx(reference.strength_counts, rel=1e-4)
+    assert answer.cost is not None
+
+
 def test_another_slots_accelerometer_makes_another_calibration(loaded: Bench, drawn: DpiInstance) -> None:
     right, nominal = fitted(loaded, FitDpi(300, 5)), fitted(loaded, FitDpi(300, 0))
     reference = fit_dpi(drawn.magnetometer[:300], drawn.accelerometer[:300] / 8192.0)
@@ -141,7 +157,8 @@ def test_an_accelerometer_of_a_wrong_sign_axis_or_unit_shows(bench: Bench, drawn
         (struct.pack("<BHBBf", 2, 300, 0, 0, 0.0), Status.BAD_ARGUMENT),
         (struct.pack("<BHBBf", 0, 0, 0, 0, 0.0), Status.BAD_ARGUMENT),
         (struct.pack("<BHBBf", 0, 300, 16, 0, 0.0), Status.BAD_ARGUMENT),
-        (struct.pack("<BHBBf", 0, 300, 0, 2, 0.0), Status.BAD_ARGUMENT),
+        (struct.pack("<BHBBf", 0, 300, 0, 4, 0.0), Status.BAD_ARGUMENT),
+        (struct.pack("<BHBBf", 1, 38, 0, 2, 0.0), Status.BAD_ARGUMENT),  # `joint` of poses
         (struct.pack("<BHBBf", 0, 300, 0, 1, 91.0), Status.BAD_ARGUMENT),
         (struct.pack("<BHBBf", 0, 300, 0, 1, float("nan")), Status.BAD_ARGUMENT),
         (struct.pack("<BHBBf", 0, 513, 0, 0, 0.0), Status.TOO_FEW_POINTS),

@@ -60,6 +60,8 @@ REQUESTS: list[Request[Any]] = [
     m.Upload(0, [[1, -2, 3, 4, -5, 8192]]),
     FitDpi(300, 2, dip_deg=-62.5),
     FitDpi(38, 15, source=DpiSource.POSES),
+    FitDpi(100, 3, dip_deg=62.5, is_joint=True),
+    FitDpi(100, 3, is_joint=True),
     FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=9),
     FusionRun(24_000_000),
     FusionRead(36, 12),

@@ -16,13 +16,15 @@ from hiltest.link.request import decode_reply
 
 
 def reply(status: int = 0, fit: int = 0, estimates: tuple[float, float, float] = (62.0, 485.0, 0.0078125)) -> bytes:
-    data = struct.pack("<BBBH", status, fit, 0, 0) + struct.pack("<13f", *range(1, 14))
+    data = struct.pack("<BBBH", status, fit, 0, 2) + struct.pack("<13f", *range(1, 14))
     return data + struct.pack("<H3fII", 300, *estimates, 112_000, 40)
 
 
 def test_the_request_is_that_written_by_hand() -> None:
     assert FitDpi(300, 5, dip_deg=-62.5).payload() == bytes.fromhex("00 2c01 05 01 00007ac2")
     assert FitDpi(38, 0, source=DpiSource.POSES).payload() == bytes.fromhex("01 2600 00 00 00000000")
+    assert FitDpi(100, 5, is_joint=True).payload() == bytes.fromhex("00 6400 05 02 00000000")
+    assert FitDpi(100, 5, dip_deg=-62.5, is_joint=True).payload() == bytes.fromhex("00 6400 05 03 00007ac2")
 
 
 def test_the_reply_is_read_in_order() -> None:
@@ -33,6 +35,7 @@ def test_the_reply_is_read_in_order() -> None:
     assert (answer.coverage, answer.n_used) == (13.0, 300)
     assert (answer.dip_deg, answer.strength_counts, answer.standard_error) == (62.0, 485.0, 0.0078125)
     assert answer.cost == RunCost(112_000, 40)
+    assert answer.iterations == 2
 
 
 def test_numbers_that_are_not_there_are_none() -> None:

@@ -104,15 +104,15 @@
     EACH(loads_one_off, TIMES(8, "ldr.w r0, [r1, #1]\n\teor.w r5, r3, r4"))                                                       \
     EACH(loads_two_off, TIMES(8, "ldr.w r0, [r1, #2]\n\teor.w r5, r3, r4"))                                                       \
     EACH(loads_three_off, TIMES(8, "ldr.w r0, [r1, #3]\n\teor.w r5, r3, r4"))                                                     \
-    EACH(loads_of_one_base, TIMES(8, "ldr r0, [r1], #4\n\tldr r5, [r1], #-4"))                                                   \
+    EACH(loads_of_one_base, TIMES(4, "ldr r0, [r1], #4\n\tldr r5, [r1], #-4"))                                                   \
     EACH(loads_of_two_bases,                                                                                                      \
-         TIMES(4, "ldr r0, [r1], #4\n\tldr r5, [r2], #4\n\tldr r0, [r1], #-4\n\tldr r5, [r2], #-4"))                            \
-    EACH(loads_of_two_memories, TIMES(8, "ldr.w r0, [r1]\n\tldr.w r5, [r8]"))                                                    \
-    EACH(multiple_behind_store, TIMES(8, "nop\n\tstr r0, [r2, #4]\n\tldm r1, {r0, r5}"))                                        \
-    EACH(fp_computed_address, TIMES(4, "vmov s0, r1\n\tvmov r5, s0\n\tldr.w r0, [r5]\n\tnop.w"))                               \
+         TIMES(2, "ldr r0, [r1], #4\n\tldr r5, [r2], #4\n\tldr r0, [r1], #-4\n\tldr r5, [r2], #-4"))                            \
+    EACH(loads_of_two_memories, TIMES(4, "ldr.w r0, [r1]\n\tldr.w r5, [r8]"))                                                    \
+    EACH(multiple_behind_store, TIMES(4, "nop\n\tstr r0, [r2, #4]\n\tldm r1, {r0, r5}"))                                        \
+    EACH(fp_computed_address, TIMES(2, "vmov s0, r1\n\tvmov r5, s0\n\tldr.w r0, [r5]\n\tnop.w"))                               \
     EACH(loads_and_three,                                                                                                         \
-         TIMES(4, "ldr r0, [r1]\n\tldr r5, [r1]\n\tldr r0, [r1]\n\t.rept 3\n\teor.w r5, r3, r4\n\t.endr\n\tnop\n" TO_WORDS))   \
-    EACH(two_loads_and_three, TIMES(4, "nop\n\tldr.w r0, [r1]\n\teor.w r5, r3, r4\n\tldr.w r0, [r1]\n\teor.w r5, r3, r4\n"    \
+         TIMES(2, "ldr r0, [r1]\n\tldr r5, [r1]\n\tldr r0, [r1]\n\t.rept 3\n\teor.w r5, r3, r4\n\t.endr\n\tnop\n" TO_WORDS))   \
+    EACH(two_loads_and_three, TIMES(2, "nop\n\tldr.w r0, [r1]\n\teor.w r5, r3, r4\n\tldr.w r0, [r1]\n\teor.w r5, r3, r4\n"    \
                                        "\teor.w r5, r3, r4\n\tnop\n\tnop.w\n\tnop.w"))
 
 /* The entry sets the registers and branches into a sequence. */
@@ -132,12 +132,10 @@ __asm__("\t.pushsection .fast_code.sequences, \"ax\", %progbits\n"
  */
 extern uint32_t sequence_enter(uint32_t *buffer, uintptr_t place);
 
-/* 7 is where the body begins, 9 its middle; the word before the body has the size of its half. The line of this word, which a
- * callee before it would read ahead of the body, is empty otherwise: what a BL goes to, 8, is in the line before. The NOP is no
- * load, store or branch behind any body. */
+/* 7 is where the body begins, 9 its middle; the word before the body has the size of its half. The NOP is no load, store or
+ * branch behind any body. */
 #define FRAMED(name, place, section, half)                                                                                        \
     __asm__("\t.pushsection " section ", \"ax\", %progbits\n"                                                                     \
-            "\t.balign 16\n8:\tbx lr\n"                                                                                           \
             "\t.balign 16\n\t.skip 12\n\t.word 9f - 7f\n"                                                                         \
             "\t.thumb_func\n\t.type sequence_" #name "_" #place ", %function\n"                                                  \
             "sequence_" #name "_" #place ":\n"                                                                                    \
@@ -145,13 +143,21 @@ extern uint32_t sequence_enter(uint32_t *buffer, uintptr_t place);
             "\t.size sequence_" #name "_" #place ", . - sequence_" #name "_" #place "\n\t.popsection\n");                         \
     extern const char sequence_##name##_##place[];
 
+/* What a BL goes to, 8: in a line of its own, which the sequences of its memory share. */
+#define CALLEE(section)                                                                                                           \
+    __asm__("\t.pushsection " section ", \"ax\", %progbits\n\t.balign 16\n8:\tbx lr\n\t.balign 16\n\t.popsection\n");
+
 #define IN_SRAM(name, body) FRAMED(name, sram, ".fast_code.sequences", body)
 #define IN_FLASH(name, body) FRAMED(name, flash, ".text.sequences", body)
+CALLEE(".fast_code.sequences")
 SEQUENCES(IN_SRAM)
+CALLEE(".text.sequences")
 SEQUENCES(IN_FLASH)
 TIMED_FROM_WITHIN(IN_SRAM)
 TIMED_FROM_WITHIN(IN_FLASH)
+CALLEE(".fast_code.sequences")
 OF_RULES(IN_SRAM)
+CALLEE(".text.sequences")
 OF_RULES(IN_FLASH)
 
 #define BOTH(name, body) {{sequence_##name##_sram, sequence_##name##_flash}, false},

@@ -42,7 +42,7 @@ _CLOCK_TOLERANCE = 0.005  # clocks are often rounded to whole MHz: 20.97 as 21
 _ID_DIGITS = 8  # 32 bits, enough to distinguish builds
 
 # Functions of the calibrators whose name differs from their name on the link.
-_FUNCTIONS = {"dpi": "fit_pairs"}
+_FUNCTIONS = {"dpi": "fit_pairs", "joint": "fit_jointly"}
 
 
 class _Session(Session):

@@ -35,12 +35,14 @@ class DpiReply:
     """Dip and strength from the data; None if undetermined."""
     cost: RunCost | None
     """Cost; None without a cycle counter."""
+    iterations: int = 0
+    """Steps of `joint`."""
 
     @classmethod
     def parse(cls, fields: FieldReader) -> DpiReply:
         fit = fields.choice(FitStatus, "fit status")
         fields.number("B", "flags")
-        fields.number("H", "iterations")
+        iterations = fields.number("H", "iterations")
         return cls(
             fit,
             CalibrationReply.parse(fields),
@@ -50,6 +52,7 @@ class DpiReply:
             _real_if_any(fields, "strength"),
             _real_if_any(fields, "standard error"),
             RunCost.parse(fields),
+            iterations,
         )
 
 
@@ -67,6 +70,8 @@ class FitDpi(Request[DpiReply]):
     source: DpiSource = field(default=DpiSource.PAIRS, kw_only=True)
     dip_deg: float | None = field(default=None, kw_only=True)
     """Inclination of the field, positive down; None to estimate it."""
+    is_joint: bool = field(default=False, kw_only=True)
+    """True for `joint`, the fit of norms and dot products together, which needs pairs."""
 
     def payload(self) -> bytes:
         has_dip = self.dip_deg is not None
@@ -75,7 +80,7 @@ class FitDpi(Request[DpiReply]):
             self.source,
             check_range(self.n, 1, 0xFFFF, "rows"),
             self.slot,
-            has_dip,
+            has_dip | self.is_joint << 1,
             self.dip_deg if has_dip else 0.0,
         )
 

@@ -107,9 +107,11 @@ def _upload_poses(fields: FieldReader) -> poses.UploadPoses:
 
 def _fit_dpi(fields: FieldReader) -> dpi.FitDpi:
     source, n = fields.choice(dpi.DpiSource, "source"), fields.number("H", "n")
-    slot, has_dip = fields.number("B", "slot"), fields.flag("dip given")
+    slot, flags = fields.number("B", "slot"), fields.number("B", "flags")
+    if flags > 3:
+        raise ProtocolError(f"flags {flags}, not 0 to 3")
     dip_deg = fields.real("dip")
-    return dpi.FitDpi(n, slot, source=source, dip_deg=dip_deg if has_dip else None)
+    return dpi.FitDpi(n, slot, source=source, dip_deg=dip_deg if flags & 1 else None, is_joint=flags > 1)
 
 
 def _fusion_start(fields: FieldReader) -> fusion.FusionStart:

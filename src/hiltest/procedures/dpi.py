@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.boards.board import Board
-from hiltest.calibration import FitStatus
+from hiltest.calibration import FitStatus, joint
 from hiltest.calibration.dpi import PAIRS_MINIMUM, POSE_READINGS, UNKNOWNS
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT
@@ -27,8 +27,10 @@ from hiltest.procedures.tumble import Tumble
 
 DPI = "dpi"
 DPI_POSES = "dpi-poses"
+JOINT = "joint"
 # Numbers of pairs, from the fewest that can be fitted to the capacity of a board's buffer.
 DPI_SIZES = (PAIRS_MINIMUM, 400, 500)
+JOINT_SIZES = (joint.PAIRS_MINIMUM, 300, 500)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +48,9 @@ class DpiRun:
     """Standard error of one dot product, in parts of the field's strength."""
 
 
-def fit_tumble(board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None = None) -> DpiRun:
+def fit_tumble(
+    board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None = None, is_joint: bool = False
+) -> DpiRun:
     """Let the board fit all pairs of a tumble, and store the calibration in a slot.
 
     Parameters
@@ -56,9 +60,12 @@ def fit_tumble(board: Board, tumble: Tumble, *, slot: int, dip_deg: float | None
         copied to `slot`.
     dip_deg
         Declared inclination of the field; without it the board estimates it.
+    is_joint
+        True to fit norms and dot products together (`JOINT`).
     """
-    reply = board.session.request(FitDpi(len(tumble.points), UNCALIBRATED_SLOT, dip_deg=dip_deg))
-    fit = _dpi_run(board, DPI, reply, tumble.points, slot)
+    request = FitDpi(len(tumble.points), UNCALIBRATED_SLOT, dip_deg=dip_deg, is_joint=is_joint)
+    reply = board.session.request(request)
+    fit = _dpi_run(board, JOINT if is_joint else DPI, reply, tumble.points, slot)
     if fit.run.usable:
         accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
         board.session.request(SetCalibration(slot, fit.run.soft_iron, fit.run.hard_iron))
@@ -88,8 +95,10 @@ def _dpi_run(
     board: Board, name: str, reply: DpiReply, points: NDArray[np.int16] | ArrayLike, slot: int | None
 ) -> DpiRun:
     calibration = reply.calibration
-    fit = MagnetometerFit(reply.fit, False, 0, calibration.soft_iron, calibration.hard_iron, reply.coverage)
-    readings = 1 if name == DPI else POSE_READINGS
+    fit = MagnetometerFit(
+        reply.fit, False, reply.iterations, calibration.soft_iron, calibration.hard_iron, reply.coverage
+    )
+    readings = POSE_READINGS if name == DPI_POSES else 1
     run = calibrator_run(
         board,
         name,
@@ -97,7 +106,7 @@ def _dpi_run(
         np.asarray(points),
         fit,
         reply.cost,
-        parameters=UNKNOWNS,
+        parameters=joint.UNKNOWNS if name == JOINT else UNKNOWNS,
         readings=readings,
     )
     return DpiRun(
@@ -110,7 +119,12 @@ def _dpi_run(
 
 
 def measure_dpi_cycles(
-    board: Board, *, point_sets: int = 2, sizes: Sequence[int] = DPI_SIZES, progress: Progress | None = None
+    board: Board,
+    *,
+    point_sets: int = 2,
+    sizes: Sequence[int] = DPI_SIZES,
+    is_joint: bool = False,
+    progress: Progress | None = None,
 ) -> CycleCost:
     """Count the cycles of FIT_DPI on golden pairs.
 
@@ -122,6 +136,8 @@ def measure_dpi_cycles(
         Number of point sets of the spread, each at the first size; at least 1.
     sizes
         Numbers of pairs of the line; `total` is at the first.
+    is_joint
+        See `fit_tumble`.
 
     Raises
     ------
@@ -132,14 +148,14 @@ def measure_dpi_cycles(
     """
     if board.identity.cycle_source is CycleSource.NONE:
         raise no_cycle_counter()
-    tell = progress or silent
+    tell, name = progress or silent, JOINT if is_joint else DPI
     work = [(sizes[0], index) for index in range(point_sets)] + [(size, 0) for size in sizes[1:]]
     cycles: dict[tuple[int, int], int] = {}
     instructions = band = request = None
     for done, (size, index) in enumerate(work):
-        tell("cycles of dpi", done, len(work))
+        tell(f"cycles of {name}", done, len(work))
         upload_pairs(board, *golden_pairs(size, index=index))
-        reply = board.timed(FitDpi(size, UNCALIBRATED_SLOT), DPI)
+        reply = board.timed(FitDpi(size, UNCALIBRATED_SLOT, is_joint=is_joint), name)
         cost = reply.cost
         if reply.fit is not FitStatus.ELLIPSOID:
             raise CalibrationError(
@@ -151,13 +167,13 @@ def measure_dpi_cycles(
         cycles[size, index] = cost.cycles
         if not done:
             request = board.request_cost()
-            instructions, band = instructions_of(board, cost), board.cycle_range(cost, DPI)
-    tell("cycles of dpi", len(work), len(work))
+            instructions, band = instructions_of(board, cost), board.cycle_range(cost, name)
+    tell(f"cycles of {name}", len(work), len(work))
     over_sizes = [cycles[size, 0] for size in sizes]
     at_first = [cycles[sizes[0], index] for index in range(point_sets)]
     line = fit_line(sizes, over_sizes)
     return CycleCost(
-        calibrator=DPI,
+        calibrator=name,
         model=board.cycle_model,
         n=sizes[0],
         total=at_first[0],
@@ -172,5 +188,5 @@ def measure_dpi_cycles(
         sizes=np.array(sizes),
         cycles=np.array(over_sizes),
         request=None if request is None else request.awake_cycles,
-        unchecked=board.unchecked(DPI),
+        unchecked=board.unchecked(name),
     )

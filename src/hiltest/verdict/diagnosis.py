@@ -29,7 +29,7 @@ from hiltest.verdict.reported_headings import (
 _MAKES_MOST = 0.5
 # A rotation is about one axis of the board if its components about the others are below this fraction.
 _ABOUT_ONE_AXIS = 0.3
-_AGAINST_GRAVITY = ("dpi", "dpi-poses")
+_AGAINST_GRAVITY = ("dpi", "dpi-poses", "joint")
 _OF_HEADINGS = ("max", "rms", "bias", "max_centred", "float32_error")
 _OF_THE_FIT = (Cause.POOR_COVERAGE, Cause.GOOD_FIT_BAD_HEADING, Cause.BAD_FIT)
 

@@ -35,7 +35,7 @@ _UNTRIMMED = "-untrimmed"
 # Calibrations that no calibrator of the firmware makes from the tumble's points, and reasons why one may be missing.
 _OF_STILL_POSES = "dpi-poses"
 _OTHERWISE = {
-    **dict.fromkeys(("dpi", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
+    **dict.fromkeys(("dpi", "joint", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
     "calibration": "--calibration named no file",
 }
 
