@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import re
+import struct
 from functools import cache
 
 import numpy as np
 
 from hiltest.boards.bench import default_firmware
+from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.json_files import read_json
-from hiltest.judge.answers import Answer
+from hiltest.judge.answers import Answer, Entry
 from hiltest.judge.worlds import World
 from hiltest.studies.board_calibrators import BoardCalibrators, board_calibrators
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.calls.buffers import Address, Structure
+
+_COUNTS_PER_G = 8192.0
+_KNOWN = struct.Struct(
+    "<9f3ffB3x"
+)  # dpi_known_t: gain [g/count] and offset of the accelerometer, sine of the dip, given
+_PAIR_FIT = struct.Struct("<BBH13fH2xff")  # dpi_fit_t
 
 
 class OwnCalibrator:
@@ -38,6 +48,32 @@ class OwnCalibrator:
         return Answer(not fit.has_fit, fit.hard_iron / COUNTS_PER_UT, fit.soft_iron, cycles=cycles)
 
 
+class OwnJoint:
+    """The packaged calibrator `joint`, which takes pairs of both sensors."""
+
+    name = "joint"
+    flash_bytes: int | None = None
+
+    def __init__(self) -> None:
+        self._board = VirtualK64F(default_firmware())
+        self.cycle_model = board_calibrators().cycle_model
+        self.built_by = packaged_compiler()
+
+    def answer(self, world: World) -> Answer:
+        """Calibrate from the pairs of a world."""
+        counts = np.rint(COUNTS_PER_UT * world.samples_ut).astype("<i2")
+        gravity = np.rint(_COUNTS_PER_G * world.accelerations_g).astype("<i2")
+        ends = np.concatenate([counts.min(axis=0), counts.max(axis=0)])
+        pairs = Structure(Address(counts), Address(gravity), np.array([len(counts)], "<u2"), ends)
+        known = _KNOWN.pack(*(np.eye(3) / _COUNTS_PER_G).ravel(), 0.0, 0.0, 0.0, 0.0, 0)
+        result = bytearray(_PAIR_FIT.size)
+        cycles = self._board.call("joint_from_pairs", pairs, known, result).cycles
+        status, _, _, *numbers = _PAIR_FIT.unpack(result)
+        hard_iron_ut = np.array(numbers[9:12]) / COUNTS_PER_UT
+        is_refused = FitStatus(status) not in (FitStatus.ELLIPSOID, FitStatus.NOT_CONVERGED)
+        return Answer(is_refused, hard_iron_ut, np.array(numbers[:9]).reshape(3, 3), cycles=cycles)
+
+
 @cache
 def packaged_compiler() -> str:
     """Return compiler and version of the packaged firmware, in the form of `hiltest.judge.build.Build`."""
@@ -46,6 +82,6 @@ def packaged_compiler() -> str:
     return f"{name} {version} -O2"
 
 
-def own_calibrators() -> list[OwnCalibrator]:
-    """Return the calibrators of the packaged firmware, in the order of its table."""
-    return [OwnCalibrator(name) for name in board_calibrators().names]
+def own_calibrators() -> list[Entry]:
+    """Return the calibrators of the packaged firmware: those of its table, and `joint`."""
+    return [*(OwnCalibrator(name) for name in board_calibrators().names), OwnJoint()]
