@@ -41,7 +41,8 @@ MEMORY
 SECTIONS
 {{
     .text : {{ *(.text .text.*) *(.rodata .rodata.*) }} > code
-    .ARM.exidx : {{ *(.ARM.exidx* .ARM.extab*) }} > code
+    .ARM.extab : {{ *(.ARM.extab*) }} > code
+    .ARM.exidx : {{ *(.ARM.exidx*) }} > code
     .init_array : {{ *(.init_array .init_array.*) }} > code
     .data : {{ *(.data .data.*) }} > data
     .bss : {{ *(.bss .bss.*) *(COMMON) }} > data
@@ -134,12 +135,16 @@ def _run(command: Sequence[str], source: Path) -> None:
         raise ConfigError(f"{source}: the compiler did not end within {_TIMEOUT_S:.0f} s") from error
     if done.returncode:
         message = (done.stderr or done.stdout).strip()[:_LONGEST_MESSAGE]
-        raise ConfigError(f"{source}: {Path(command[0]).name} cannot compile it:\n{message}")
+        raise ConfigError(f"{source}: {_compiler_name(command)} cannot compile it:\n{message}")
+
+
+def _compiler_name(command: Sequence[str]) -> str:
+    return "zig" if "ziglang" in command else Path(command[0]).name
 
 
 def _version(command: Sequence[str]) -> str:
     """Return the name and the version of a compiler."""
     done = subprocess.run([*command, "--version"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
-    name = "zig" if "ziglang" in command else Path(command[0]).name
+    name = _compiler_name(command)
     versions = sorted(re.findall(r"\d+(?:\.\d+)+", done.stdout.partition("\n")[0]), key=lambda text: text.count("."))
     return f"{name} {versions[-1]}" if versions else name
