@@ -23,6 +23,7 @@ from hiltest.link.streams import MAX_FEED, StreamFeed, StreamRemove, StreamReset
 from hiltest.procedures import (
     DPI,
     FAST,
+    JOINT,
     UNCALIBRATED_SLOT,
     golden_pairs,
     golden_points,
@@ -132,6 +133,16 @@ def test_against_gravity(board: Board, pairs: int, benchmark_cycles: BenchmarkCy
         upload_pairs(board, *golden_pairs(pairs, index=index))
         costs.append(board.session.request(FitDpi(pairs, UNCALIBRATED_SLOT)).cost)
     benchmark_cycles(DPI, counted_cycles(costs), cycle_model=board.cycle_model)
+
+
+@pytest.mark.parametrize("pairs", [100, 300])
+def test_norms_and_gravity_together(board: Board, pairs: int, benchmark_cycles: BenchmarkCycles) -> None:
+    store_accelerometer(board, NOMINAL, [UNCALIBRATED_SLOT])
+    costs = []
+    for index in range(2):
+        upload_pairs(board, *golden_pairs(pairs, index=index))
+        costs.append(board.session.request(FitDpi(pairs, UNCALIBRATED_SLOT, is_joint=True)).cost)
+    benchmark_cycles(JOINT, counted_cycles(costs), cycle_model=board.cycle_model)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hiltest.boards import Board
-from hiltest.calibration.dpi import fit_dpi
+from hiltest.calibration.dpi import DpiFit, fit_dpi
 from hiltest.calibration.joint import fit_joint_pairs
 from hiltest.link.accelerometer import GetAccelerometer
 from hiltest.measurement import Limit
@@ -66,26 +66,35 @@ def test_norms_and_gravity_calibrate_the_magnetometer_together(
     measure_fit(measure, require(joint), rig)
 
 
-@pytest.mark.parametrize("name", [DPI, JOINT])
-def test_the_boards_arithmetic_does_not_enter(
-    name: str,
-    board: Board,
-    dpi: DpiRun | None,
-    joint: DpiRun | None,
-    known_angles: RequestedAngles,
-    tumble: Tumble,
-    rig: Rig,
-    measure: Measure,
+def measure_float32_error(
+    measure: Measure, name: str, board: Board, reference: DpiFit, known_angles: RequestedAngles
 ) -> None:
-    if not require(joint if name == JOINT else dpi).run.usable:
-        pytest.skip("there is no calibration")
+    """Record the difference between the board's headings and those of a float64 fit to the same pairs."""
     accelerometer = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT))
-    fit = fit_joint_pairs if name == JOINT else fit_dpi
-    reference = fit(tumble.points, accelerometer.gravity_g(tumble.accelerometer), dip_deg=rig.field.dip_deg)
     errors = heading_errors_deg(known_angles, reference.calibration, accelerometer)
     assert errors is not None
     differences = (known_angles.error_deg[name] - errors + 180.0) % 360.0 - 180.0
     measure(f"heading.{name}.float32_error", float(np.abs(differences).max()), "deg")
+
+
+def test_the_boards_arithmetic_does_not_enter(
+    board: Board, dpi: DpiRun | None, known_angles: RequestedAngles, tumble: Tumble, rig: Rig, measure: Measure
+) -> None:
+    if not require(dpi).run.usable:
+        pytest.skip("there is no calibration")
+    gravity = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT)).gravity_g(tumble.accelerometer)
+    reference = fit_dpi(tumble.points, gravity, dip_deg=rig.field.dip_deg)
+    measure_float32_error(measure, DPI, board, reference, known_angles)
+
+
+def test_the_boards_arithmetic_does_not_enter_joint(
+    board: Board, joint: DpiRun | None, known_angles: RequestedAngles, tumble: Tumble, rig: Rig, measure: Measure
+) -> None:
+    if not require(joint).run.usable:
+        pytest.skip("there is no calibration")
+    gravity = board.session.request(GetAccelerometer(UNCALIBRATED_SLOT)).gravity_g(tumble.accelerometer)
+    reference = fit_joint_pairs(tumble.points, gravity, dip_deg=rig.field.dip_deg)
+    measure_float32_error(measure, JOINT, board, reference, known_angles)
 
 
 @pytest.mark.full

@@ -21,7 +21,7 @@ CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 # Those that the full set has for comparison.
 FURTHER = ("li", "gauss-newton", "gradient-descent")
 # Beside them, against gravity.
-DPI = "dpi"
+DPI, JOINT = "dpi", "joint"
 PER_CALIBRATOR = (
     "heading.{}.max",
     "heading.{}.rms",
@@ -86,7 +86,7 @@ def test_a_passing_run_is_read_on_one_screen(good_run) -> None:
 
 
 def test_everything_that_was_promised_is_measured(good_run) -> None:
-    wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in (*CALIBRATORS, DPI)}
+    wanted = {name.format(calibrator) for name in PER_CALIBRATOR for calibrator in (*CALIBRATORS, DPI, JOINT)}
     wanted |= {name.format(stream) for name in PER_STREAM for stream in STREAMS}
     assert wanted | set(ALWAYS) <= set(good_run.measured)
     # Judged where the rig has a limit, and said to be information where it has none.
@@ -151,7 +151,9 @@ def test_the_full_set_measures_more_and_nothing_otherwise(good_run, full_run) ->
     same = {item for item in gate if not gate[item]["volatile"]} - of_what_ran
     # Gravity is of an instant that looks at the sensors bound, and when these come hangs on the bytes on the line:
     # 0.1 ms of a tumble of 560 deg/s are 0.06 degrees.
-    of_an_instant = {item for item in same if item.startswith(("fit.dpi.", "heading.dpi."))}
+    of_an_instant = {
+        item for item in same if item.startswith(("fit.dpi.", "heading.dpi.", "fit.joint.", "heading.joint."))
+    }
     # Looks at the sensors belong to a request, and their number hangs on the time of its bytes.
     of_requests = {item for item in same if item.endswith(".request") or item == "cycles.collect.point"}
     for name in of_requests:
@@ -199,7 +201,7 @@ def test_the_stack_stays_within_the_bound_of_the_build(good_run) -> None:
     assert manifest["deepest_stack_bytes"] / 2 < used <= manifest["deepest_stack_bytes"]
 
 
-@pytest.mark.parametrize("name", ["direct", "direct-fast", "corrected", "iterative", "dpi"])
+@pytest.mark.parametrize("name", ["direct", "direct-fast", "corrected", "iterative", "dpi", "joint"])
 def test_a_calibrator_takes_no_more_stack_than_its_code_can(good_run, name: str) -> None:
     selected, bound = (good_run.value(f"firmware.{name}.{case}") for case in ("stack", "stack_bound"))
     # All but the way that direct-fast takes for points that it cannot scale is walked by ordinary points.

@@ -10,6 +10,7 @@ import pytest
 from hiltest.boards import Board
 from hiltest.calibration import FitStatus
 from hiltest.calibration.dpi import fit_dpi
+from hiltest.calibration.joint import fit_joint_pairs
 from hiltest.errors import CalibrationError
 from hiltest.link.accelerometer import GetAccelerometer, SetAccelerometer
 from hiltest.link.messages import GetCalibration, Points
@@ -58,6 +59,26 @@ def test_the_board_does_as_the_reference_does_with_the_active_slots_acceleromete
     # The margins of C against the reference.
     assert np.allclose(run.run.soft_iron, reference.calibration.soft_iron, rtol=0, atol=1e-7)
     assert np.allclose(run.run.hard_iron, reference.calibration.hard_iron, rtol=0, atol=0.005)
+
+
+def test_norms_and_gravity_are_fitted_together_by_their_own_name(virtual_board: Board, tumble: Tumble) -> None:
+    virtual_board.session.request(SetAccelerometer(0, GAIN, OFFSET))
+    fit = fit_tumble(virtual_board, tumble, slot=SLOT + 1, dip_deg=62.0, is_joint=True)
+    reference = fit_joint_pairs(tumble.points, (tumble.accelerometer - OFFSET) @ GAIN.T).calibration
+    assert (fit.run.name, fit.run.fit, fit.n_used) == ("joint", FitStatus.ELLIPSOID, 300)
+    # The margins of C against the reference: 0.002 degrees of 0.002 counts^-1.
+    assert np.allclose(fit.run.soft_iron, reference.soft_iron, rtol=0, atol=1e-7)
+    stored = virtual_board.session.request(GetCalibration(SLOT + 1))
+    assert np.array_equal(stored.soft_iron, fit.run.soft_iron)
+
+
+def test_cycles_of_joint_are_a_line_over_the_pairs_from_100_on(virtual_board: Board) -> None:
+    virtual_board.session.request(SetAccelerometer(0, np.eye(3) / 8192.0, np.zeros(3)))
+    cost = measure_dpi_cycles(virtual_board, sizes=(100, 300), is_joint=True)
+    assert (cost.calibrator, cost.n) == ("joint", 100)
+    assert cost.total <= 50_000
+    # A row, its sums, and the moments of the start.
+    assert 380 < cost.per_point < 400
 
 
 def test_the_slot_gets_both_calibrations(virtual_board: Board, run: DpiRun) -> None:
