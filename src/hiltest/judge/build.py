@@ -26,7 +26,7 @@ _CPP_FLAGS = ("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics")
 _ZIG_TARGET = (
     "-target",
     "thumb-linux-musleabihf",
-    "-mcpu=cortex_m4",
+    "-mcpu=cortex_m4+vfp4d16sp",
 )  # with the C library musl, which zig brings along
 _TIMEOUT_S = 600.0  # zig compiles its C library at first use, which takes a minute or two
 _LONGEST_MESSAGE = 2000
