@@ -223,7 +223,7 @@ def cases(board: Board) -> Iterator[Case]:
     )
     for method in ("six-position", "ellipsoid"):
         yield case_with_name(FitAccelerometer, "B", (1,), method, (0, FEW, 2, 255), (0, OK, 0))
-    for source in (0, 1):
+    for source, wrong_flags in ((0, (4, 255)), (1, (2, 3, 4, 255))):  # flag 2, joint, is for pairs
         yield Case(
             FitDpi,
             "BHBBf",
@@ -233,7 +233,7 @@ def cases(board: Board) -> Iterator[Case]:
                 (1, BAD, 0),
                 (1, FEW, 4, 0xFFFF),
                 (2, *no_slot),
-                (3, BAD, 2, 255),
+                (3, BAD, *wrong_flags),
                 (3, OK, 0),
                 (4, BAD, -90.5, 90.5, nan, inf),
                 (4, OK, -90.0, 90.0),
