@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -35,8 +36,10 @@ def judge(*words: str) -> int:
 
 
 def test_a_file_to_begin_with_is_written_and_judged_beside_the_calibrators_of_hiltest(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str], require_tool: Callable[[str], str]
 ) -> None:
+    require_tool("arm-none-eabi-gcc")
+    require_tool("cc")
     assert judge("--init", "first.c") == 0
     assert (folder / "hiltest_judge.h").is_file()
     assert judge("--init", "first.c") == 4, "it is not overwritten"

@@ -70,6 +70,12 @@ def eats(samples):
 Write = Callable[..., str]
 
 
+@pytest.fixture(autouse=True)
+def compilers(require_tool: Callable[[str], str]) -> None:
+    for tool in ("arm-none-eabi-gcc", "arm-none-eabi-g++", "cc"):
+        require_tool(tool)
+
+
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
     """Return a function that writes a source and returns its name."""

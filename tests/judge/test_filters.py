@@ -93,6 +93,12 @@ def motion() -> MotionRecording:
     return replace(whole, **parts)
 
 
+@pytest.fixture(autouse=True)
+def compilers(require_tool: Callable[[str], str]) -> None:
+    for tool in ("arm-none-eabi-gcc", "arm-none-eabi-g++", "cc"):
+        require_tool(tool)
+
+
 @pytest.fixture
 def write(tmp_path: Path) -> Write:
     def write_source(text: str, name: str) -> str:
