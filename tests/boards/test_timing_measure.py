@@ -189,6 +189,7 @@ NONE_OR_ONE = "undecided: none waits, or one of the three waits"
                 "integers_misplaced": "one in three waits",
                 BEHIND_CMP: BOTH_BEHIND_CMP,
                 "loads_and_three": NONE_OR_ONE,
+                "pair_and_three": NONE_OR_ONE,
             },
         ),
         ({"fetch_late_fp": 0}, {"fp_misplaced": "none waits"}),
@@ -344,7 +345,7 @@ def test_clocks_that_no_candidate_predicts_and_two_sequences_that_disagree_leave
     assert measured.remarks == (
         "fp_misplaced: 60 clocks, no candidate matches: the row fetch_late_fp cannot express this, so value and range "
         "are the base's",
-        "two_loads_and_three: 48 clocks, no candidate matches: the row fetch_late_unbroken cannot express this, so "
+        "two_loads_and_three: 24 clocks, no candidate matches: the row fetch_late_unbroken cannot express this, so "
         "value and range are the base's",
         "load_and_three: 28 clocks, one of the three waits, but pair_and_three: 40 clocks, none waits: the row "
         "fetch_late cannot express this, so value and range are the base's",

@@ -88,7 +88,7 @@ def test_a_mistake_in_a_calibration_is_named_with_its_size(run_edited: RunEdited
 
 
 def test_gravity_in_another_unit_is_red(run_edited: RunEdited) -> None:
-    ended = run_edited(Edit(DPI_SUMS, f"return {GRAVITY};", f"return 9.80665f * ({GRAVITY});"))
+    ended = run_edited(Edit("calibration/gravity_row.h", f"return {GRAVITY};", f"return 9.80665f * ({GRAVITY});"))
     # The heading does not depend on it. But 9.8 times the sine of 62 degrees is no sine.
     assert ended.values["fit.dpi.dip"] == pytest.approx(90.0)
     assert "fit.dpi.dip" in ended.output

@@ -88,13 +88,13 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
     )
     unaligned = row_is("unaligned", "as if aligned", "one clock more for each part but the first")
     return (
+        Question("load_and_three", "4 times LDR, 3 misaligned EOR.W, NOP", "fetch_late", third),
         Question(
             "integers_misplaced",
             "5 NOP around 48 misaligned EOR.W",
             "fetch_late_integer",
             fetch_waits("fetch_late_integer"),
         ),
-        Question("load_and_three", "4 times LDR, 3 misaligned EOR.W, NOP", "fetch_late", third),
         Question("pair_and_three", "4 times VMOV of a pair, 3 misaligned UMAAL, 5 NOP", "fetch_late", third),
         Question(
             "load_and_two",
