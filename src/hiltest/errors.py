@@ -264,6 +264,17 @@ class BoardFault(BenchError):
         first = f"{cause} at {place_of(pc, function, location)}"
         super().__init__((f"{ending}, after: " if ending else "") + first + (f"; {state}" if state else ""))
 
+    def located(self, place: str) -> BoardFault:
+        """Return this fault with the place of the judged call before its cause."""
+        return BoardFault(
+            f"{place}: {self.cause}",
+            pc=self.pc,
+            function=self.function,
+            location=self.location,
+            registers=self.registers,
+            ending=self.ending,
+        )
+
     def ended(self, ending: str) -> BoardFault:
         """Return this fault with its ending."""
         return BoardFault(

@@ -112,14 +112,14 @@ def judge(
         return 0, JudgeDocument(__version__, sentence, 0, (), (), None)
     if file is None:
         raise click.UsageError("name a FILE, or --init FILE.c to begin with one")
-    wanted = dict(map(_limit, limits))
+    largest = dict(map(_limit, limits))
     judges_filter = bool(recordings) or is_filter(file, function)
     folder = Path(out or f"{DEFAULT_OUT}/judge")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
     if judges_filter:
         files = [file] + ([against] if against else [])
-        return _written(_judge_filters(files, recordings, wanted, alone, progress), folder)
+        return _written(_judge_filters(files, recordings, largest, alone, progress), folder)
     with ExitStack() as stack:
         opened = [(stack.enter_context(open_entry(file, function, part)), "judged")]
         if against is not None:
@@ -133,7 +133,7 @@ def judge(
             judged.append(judge_entry(entry, role, progress_of))
     progress.clear()
     other = judged[1] if against is not None else None
-    result = document(judged[0], judged[len(opened) :], wanted, other)
+    result = document(judged[0], judged[len(opened) :], largest, other)
     return _written(result, folder)
 
 

@@ -26,15 +26,9 @@ _OTHERWISE = "name a source, a library or an ELF"
 
 
 class SourceCalibrator:
-    """A calibrator from a source: answers and cycles of the emulated core, time of the host.
+    """A calibrator from a source: answers and cycles of the emulated core, time of the host."""
 
-    Parameters
-    ----------
-    host
-        The same source on the host; None if it cannot be compiled there.
-    """
-
-    def __init__(self, image: ImageCalibrator, host: HostCalibrator | None) -> None:
+    def __init__(self, image: ImageCalibrator, host: HostCalibrator) -> None:
         self.name, self.built_by, self.flash_bytes = image.name, image.built_by, image.flash_bytes
         self._image, self._host = image, host
 
@@ -45,7 +39,7 @@ class SourceCalibrator:
     def answer(self, world: World) -> Answer:
         """Calibrate from the samples of a world."""
         answer = self._image.answer(world)
-        if self._host is None or world.family != RIG:
+        if world.family != RIG:
             return answer
         return replace(answer, host_us=self._host.answer(world).host_us)
 

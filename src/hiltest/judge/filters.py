@@ -30,7 +30,6 @@ FILTER_TIMEOUT_S = 600.0
 READ_HZ = 50.0
 """Answers are read about this often, since the attitude changes little in between."""
 INIT, UPDATE, QUATERNION, HEADING = "filter_init", "filter_update", "filter_quaternion", "filter_heading"
-_GRAVITY_M_S2 = 9.80665
 _MOST_SLICES = 200  # different counts of updates, whose executed code is kept for the range
 _STATE_BYTES = 14 * 4  # attitude_filter_t
 
@@ -74,7 +73,7 @@ class JudgedFilter(Protocol):
 def readings_of(motion: MotionRecording) -> tuple[Array, Array, Array]:
     """Return rates without the bias of the rest [rad/s], gravity [g, positive down] and field [uT]."""
     rates = motion.gyroscope_rad_s - motion.rest_bias_rad_s()
-    return rates, -motion.acceleration_m_s2 / _GRAVITY_M_S2, motion.field_ut
+    return rates, motion.gravity_g, motion.field_ut
 
 
 def stride_of(motion: MotionRecording) -> int:
@@ -126,9 +125,7 @@ class ImageFilter:
                 if (place + 1) % stride == 0:
                     answers.append(self._read())
         except BoardFault as fault:
-            cause = f"{self.name} in the motion {motion.name}, reading {place}: {fault.cause}"
-            location = {"function": fault.function, "location": fault.location}
-            raise BoardFault(cause, pc=fault.pc, registers=fault.registers, **location) from fault
+            raise fault.located(f"{self.name} in the motion {motion.name}, reading {place}") from fault
         is_heading = np.ndim(answers[0]) == 0
         return FilterAnswers(
             _places(count, stride),

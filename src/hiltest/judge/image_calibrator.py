@@ -74,9 +74,7 @@ class ImageCalibrator:
         try:
             called = self._image.call(self._function, *inputs, len(samples), hard_iron, soft_iron, timeout_s=_TIMEOUT_S)
         except BoardFault as fault:
-            cause = f"{self.name} in world {world.name}: {fault.cause}"
-            place = {"function": fault.function, "location": fault.location}
-            raise BoardFault(cause, pc=fault.pc, registers=fault.registers, **place) from fault
+            raise fault.located(f"{self.name} in world {world.name}") from fault
         self.cycle_model = called.cycle_model
         changed = not all(np.array_equal(one, other) for one, other in zip(inputs, before, strict=True))
         overwritten = changed or any((output[-_GUARDS:] != _GUARD).any() for output in (hard_iron, soft_iron))

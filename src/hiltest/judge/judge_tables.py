@@ -60,8 +60,8 @@ def print_tables(console: Console, judged: JudgeDocument) -> None:
 
 def filled_columns(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
     """Return headings and rows without the columns that are empty in all rows."""
-    kept = [number for number, _ in enumerate(headings) if any(row[number] for row in rows)]
-    return [headings[number] for number in kept], [[row[number] for number in kept] for row in rows]
+    filled = [number for number, _ in enumerate(headings) if any(row[number] for row in rows)]
+    return [headings[number] for number in filled], [[row[number] for number in filled] for row in rows]
 
 
 def _table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:

@@ -8,15 +8,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from hiltest.calibration.fit import Array
-from hiltest.judge.worlds import default_poses, default_rig
-from hiltest.orientation.motion_recording import MotionRecording
-from hiltest.world.noise import NoiseSource
+from hiltest.judge.worlds import default_poses, default_rig, draw_noise, earth_field_ut
+from hiltest.orientation.motion_recording import STANDARD_GRAVITY_M_S2, MotionRecording
 
 SIMULATED = "rig"
 """Name of the simulated motion: the poses of the default rig, one after another."""
 _RATE_HZ = 100.0
 _REST_S, _HOLD_S, _TURN_DPS = 6.0, 2.0, 90.0
-_GRAVITY_M_S2 = 9.80665
 _ACCELEROMETER_NOISE_G = 0.002
 
 
@@ -48,20 +46,20 @@ def simulated_motion() -> MotionRecording:
     truth = truth[1:]  # the rate of a sample is the mean up to it
     moves = np.linalg.norm(rates, axis=1) > math.radians(1.0)
     to_body = truth.inv()
-    field = to_body.apply(_earth_field_ut())
+    field = to_body.apply(earth_field_ut())
     gravity = to_body.apply([0.0, 0.0, 1.0])
     density = math.radians(rig.sensors.gyroscope_noise_mdps_per_rthz / 1000.0)
     gyroscope = (
         rates
         + np.radians(rig.world.gyroscope_bias_dps)
-        + density * math.sqrt(_RATE_HZ / 2.0) * _noise("gyroscope", count)
+        + density * math.sqrt(_RATE_HZ / 2.0) * draw_noise(1, "motion gyroscope", count)
     )
     return MotionRecording(
         SIMULATED,
         _RATE_HZ,
         gyroscope,
-        -_GRAVITY_M_S2 * (gravity + _ACCELEROMETER_NOISE_G * _noise("accelerometer", count)),
-        field + rig.sensors.magnetometer_noise_ut * _noise("magnetometer", count),
+        -STANDARD_GRAVITY_M_S2 * (gravity + _ACCELEROMETER_NOISE_G * draw_noise(1, "motion accelerometer", count)),
+        field + rig.sensors.magnetometer_noise_ut * draw_noise(1, "motion magnetometer", count),
         truth.as_quat(),
         moves,
     )
@@ -72,14 +70,3 @@ def _attitude(field_ut: Array, gravity: Array) -> Rotation:
     east = np.cross(gravity, field_ut)
     east /= np.linalg.norm(east)
     return Rotation.from_matrix(np.stack([np.cross(east, gravity), east, gravity]))
-
-
-def _earth_field_ut() -> Array:
-    rig = default_rig()
-    dip = math.radians(rig.field.dip_deg)
-    return rig.field.strength_ut * np.array([math.cos(dip), 0.0, math.sin(dip)])
-
-
-def _noise(sensor: str, count: int) -> Array:
-    noise = NoiseSource(1, f"judge motion {sensor}")
-    return np.array([noise.sample(0, index) for index in range(count)])

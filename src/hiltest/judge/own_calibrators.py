@@ -9,20 +9,19 @@ from functools import cache
 import numpy as np
 
 from hiltest.boards.bench import default_firmware
-from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.json_files import read_json
 from hiltest.judge.answers import Answer, Entry
 from hiltest.judge.worlds import World
-from hiltest.studies.board_calibrators import BoardCalibrators, board_calibrators
+from hiltest.studies.board_calibrators import BoardCalibrators, board_calibrators, parse_fit
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.buffers import Address, Structure
 
 _COUNTS_PER_G = 8192.0
-_KNOWN = struct.Struct(
-    "<9f3ffB3x"
-)  # dpi_known_t: gain [g/count] and offset of the accelerometer, sine of the dip, given
-_PAIR_FIT = struct.Struct("<BBH13fH2xff")  # dpi_fit_t
+# dpi_known_t: gain [g/count] and offset of the accelerometer, sine of the dip, and whether it is given.
+_KNOWN = struct.Struct("<9f3ffB3x")
+_PAIR_FIT_BYTES = struct.calcsize("<BBH13fH2xff")  # dpi_fit_t, which begins with magnetometer_fit_t
 
 
 class OwnCalibrator:
@@ -44,8 +43,7 @@ class OwnCalibrator:
 
     def answer(self, world: World) -> Answer:
         """Calibrate from the samples of a world."""
-        fit, cycles = self._board.calibrate(self.name, np.rint(COUNTS_PER_UT * world.samples_ut))
-        return Answer(not fit.has_fit, fit.hard_iron / COUNTS_PER_UT, fit.soft_iron, cycles=cycles)
+        return _answer(*self._board.calibrate(self.name, np.rint(COUNTS_PER_UT * world.samples_ut)))
 
 
 class OwnJoint:
@@ -66,12 +64,13 @@ class OwnJoint:
         ends = np.concatenate([counts.min(axis=0), counts.max(axis=0)])
         pairs = Structure(Address(counts), Address(gravity), np.array([len(counts)], "<u2"), ends)
         known = _KNOWN.pack(*(np.eye(3) / _COUNTS_PER_G).ravel(), 0.0, 0.0, 0.0, 0.0, 0)
-        result = bytearray(_PAIR_FIT.size)
+        result = bytearray(_PAIR_FIT_BYTES)
         cycles = self._board.call("joint_from_pairs", pairs, known, result).cycles
-        status, _, _, *numbers = _PAIR_FIT.unpack(result)
-        hard_iron_ut = np.array(numbers[9:12]) / COUNTS_PER_UT
-        is_refused = FitStatus(status) not in (FitStatus.ELLIPSOID, FitStatus.NOT_CONVERGED)
-        return Answer(is_refused, hard_iron_ut, np.array(numbers[:9]).reshape(3, 3), cycles=cycles)
+        return _answer(parse_fit(result), cycles)
+
+
+def _answer(fit: MagnetometerFit, cycles: int) -> Answer:
+    return Answer(not fit.has_fit, fit.hard_iron / COUNTS_PER_UT, fit.soft_iron, cycles=cycles)
 
 
 @cache

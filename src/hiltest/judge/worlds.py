@@ -104,16 +104,18 @@ class World:
         """Return the name for messages, such as ``noise/17``."""
         return f"{self.family}/{self.number}"
 
-    @property
+    @cached_property
     def clean_readings_ut(self) -> Array:
         """Return readings at the poses without noise, shape (m, 3) [uT]."""
         return np.asarray(self.poses.field_ut @ self.soft_iron.T + self.hard_iron_ut)
 
-    @property
+    @cached_property
     def readings_ut(self) -> Array:
         """Return readings at the poses, each the mean of 16 samples, shape (m, 3) [uT]."""
         deviation = self.noise_ut / math.sqrt(_READINGS)
-        return self.clean_readings_ut + deviation * _noise(self.family, self.number, "poses", len(self.poses.gravity))
+        return self.clean_readings_ut + deviation * draw_noise(
+            self.number, f"{self.family} poses", len(self.poses.gravity)
+        )
 
     @cached_property
     def bound_deg(self) -> float:
@@ -137,8 +139,9 @@ def draw_worlds(family: Family) -> Iterator[World]:
         yield draw_world(family, number)
 
 
+@cache
 def draw_world(family: Family, number: int) -> World:
-    """Draw one world of a family.
+    """Draw one world of a family; it is drawn once for all entries.
 
     Parameters
     ----------
@@ -158,14 +161,14 @@ def draw_world(family: Family, number: int) -> World:
         instance = draw_instances(model, number, 1)
         soft_iron, hard_iron_ut = instance.soft_iron[0], instance.hard_iron_ut[0]
         directions = _directions(instance.points_ut[0], soft_iron, hard_iron_ut, family.largest_gap * share)
-    noise = noise_ut * _noise(family.name, number, "samples", points)
+    noise = noise_ut * draw_noise(number, f"{family.name} samples", points)
     samples_ut = rig.field.strength_ut * directions @ soft_iron.T + hard_iron_ut + noise
     return World(
         family.name,
         number,
         np.rint(samples_ut / RESOLUTION_UT) * RESOLUTION_UT,
         _gravity(directions, rig.field.dip_deg)
-        + _ACCELEROMETER_NOISE_G * _noise(family.name, number, "gravity", points),
+        + _ACCELEROMETER_NOISE_G * draw_noise(number, f"{family.name} gravity", points),
         soft_iron,
         hard_iron_ut,
         math.hypot(noise_ut, RESOLUTION_UT / math.sqrt(12.0)),
@@ -179,12 +182,18 @@ def default_rig() -> Rig:
     return load_rig(shipped() / "rigs" / DEFAULT_RIG)
 
 
+def earth_field_ut() -> Array:
+    """Return the field of the default rig, shape (3,), north, east, down [uT]."""
+    field = default_rig().field
+    dip = math.radians(field.dip_deg)
+    return np.asarray(field.strength_ut * np.array([math.cos(dip), 0.0, math.sin(dip)]))
+
+
 @cache
 def default_poses() -> Poses:
     """Return the poses of the default rig."""
     rig = default_rig()
-    dip = math.radians(rig.field.dip_deg)
-    field = rig.field.strength_ut * np.array([math.cos(dip), 0.0, math.sin(dip)])
+    field = earth_field_ut()
     yaw_deg = rig.mounting.yaw_deg if rig.mounting else 0.0
     rotations = [
         rotation_body_from_ned(Pose(heading_deg + yaw_deg, pitch_deg, roll_deg))
@@ -222,9 +231,9 @@ def _gravity(directions: Array, dip_deg: float) -> Array:
     return np.asarray(math.sin(dip) * directions + math.cos(dip) * across)
 
 
-def _noise(family: str, number: int, source: str, count: int) -> Array:
-    """Return standard normal numbers, shape (count, 3)."""
-    noise = NoiseSource(number, f"judge {family} {source}")
+def draw_noise(seed: int, source: str, count: int) -> Array:
+    """Return standard normal numbers of a named source, shape (count, 3)."""
+    noise = NoiseSource(seed, f"judge {source}")
     return np.array([noise.sample(0, index) for index in range(count)])
 
 

@@ -17,7 +17,6 @@ Reals = NDArray[np.float64]
 Estimator: TypeAlias = Callable[[Reals, Reals, Reals, float], Reals]
 """Function of gyroscope [rad/s], gravity [g], field [uT] and rate [Hz]: quaternions x, y, z, w to NED, shape (n, 4)."""
 
-_STANDARD_GRAVITY = 9.80665
 # Length of the row of the first seconds: longer than the filter's tilt needs.
 _FIRST_S = 5.0
 # Sizes from which a motion counts as accelerated, and the field as disturbed, in parts of gravity and of the field.
@@ -126,8 +125,9 @@ def score_estimator(
         If the recording has no rest whose bias could be subtracted, or the estimates are no attitudes.
     """
     rates = recording.gyroscope_rad_s - (recording.rest_bias_rad_s() if subtract_bias else 0.0)
-    gravity_g = -recording.acceleration_m_s2 / _STANDARD_GRAVITY
-    errors = attitude_errors(estimator(rates, gravity_g, recording.field_ut, recording.rate_hz), recording.truth)
+    errors = attitude_errors(
+        estimator(rates, recording.gravity_g, recording.field_ut, recording.rate_hz), recording.truth
+    )
     scores = {name: errors.score(mask) for name, mask in phases(recording).items()}
     return {name: score for name, score in scores.items() if score is not None}
 
@@ -142,7 +142,7 @@ def phases(recording: MotionRecording) -> Mapping[str, NDArray[np.bool_]]:
     """
     count = len(recording.movement)
     first = np.arange(count) < _FIRST_S * recording.rate_hz
-    down = _to_earth(recording.truth, -recording.acceleration_m_s2 / _STANDARD_GRAVITY) - (0.0, 0.0, 1.0)
+    down = _to_earth(recording.truth, recording.gravity_g) - (0.0, 0.0, 1.0)
     field = _to_earth(recording.truth, recording.field_ut)
     visible = np.isfinite(field[:, 0])
     median = np.median(field[visible], axis=0)

@@ -16,6 +16,7 @@ from hiltest.errors import ConfigError
 
 Reals = NDArray[np.float64]
 
+STANDARD_GRAVITY_M_S2 = 9.80665
 # An hour at 1 kHz.
 _LARGEST_COUNT = 3_600_000
 _LOWEST_HZ, _HIGHEST_HZ = 1.0, 100_000.0
@@ -48,6 +49,11 @@ class MotionRecording:
     """Unit quaternions x, y, z, w from sensor frame to NED, shape (n, 4); NaN where the cameras saw nothing."""
     movement: NDArray[np.bool_]
     """Shape (n,). True during the motion phase."""
+
+    @property
+    def gravity_g(self) -> Reals:
+        """Return gravity less acceleration, shape (n, 3), sensor frame: downwards at rest."""
+        return -self.acceleration_m_s2 / STANDARD_GRAVITY_M_S2
 
     @property
     def first_motion(self) -> int:

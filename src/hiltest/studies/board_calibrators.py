@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -104,11 +103,12 @@ class BoardCalibrators:
             Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(), np.zeros(1, "<u2")
         )
         cost = self._board.call(function, arguments, result)
-        return _fit(_FIT.unpack(result)), cost.cycles
+        return parse_fit(result), cost.cycles
 
 
-def _fit(values: tuple[Any, ...]) -> MagnetometerFit:
-    status, is_sphere, iterations, *floats = values
+def parse_fit(content: bytes | bytearray) -> MagnetometerFit:
+    """Return the fit at the beginning of what a calibrator wrote: ``magnetometer_fit_t``."""
+    status, is_sphere, iterations, *floats = _FIT.unpack_from(content)
     soft_iron, hard_iron = np.array(floats[:9]).reshape(3, 3), np.array(floats[9:12])
     return MagnetometerFit(FitStatus(status), bool(is_sphere), iterations, soft_iron, hard_iron, floats[12])
 

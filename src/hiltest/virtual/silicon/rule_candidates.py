@@ -65,6 +65,10 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         """Return candidates for the values 0, 1 and so on of a row."""
         return tuple(Candidate(text, {row: number}) for number, text in enumerate(says))
 
+    def value_question(sequence: str, about: str, row: str, *says: str) -> Question:
+        """Return the question for a row's value: 0, 1 and so on."""
+        return Question(sequence, about, row, row_is(row, *says))
+
     def fetch_waits(row: str) -> tuple[Candidate, ...]:
         """Return candidates for the waits in a long run, which a row prices."""
         return (
@@ -115,23 +119,26 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
                 Candidate("one of the three waits", {"fetch_late": 1} | _PAST_NARROW, in_rows=False),
             ),
         ),
-        Question(
+        value_question(
             "loop_misplaced",
             "MOVS, 16 turns of a misaligned SUBS.W and BNE, 2 NOP",
             "target_misplaced",
-            row_is("target_misplaced", "the branch to it does not wait", "the branch to it takes one clock more"),
+            "the branch to it does not wait",
+            "the branch to it takes one clock more",
         ),
-        Question(
+        value_question(
             "calls_misplaced",
             "5 NOP around 16 misaligned BL, to a BX LR",
             "return_misplaced",
-            row_is("return_misplaced", "the return does not wait", "the return takes one clock more"),
+            "the return does not wait",
+            "the return takes one clock more",
         ),
-        Question(
+        value_question(
             "computed_address",
             "8 times ADDS, LDR from the computed address",
             "address_use",
-            row_is("address_use", "LDR does not wait", "LDR waits one clock"),
+            "LDR does not wait",
+            "LDR waits one clock",
         ),
         Question("compare_if_then", "8 times CMP of two bytes, IT, MOVEQ", "it_folded", folded),
         Question("if_then", "16 times IT, ADDEQ of two bytes", "it_folded", folded),
@@ -139,41 +146,47 @@ def questions(value: Mapping[str, int]) -> tuple[Question, ...]:
         Question("loads_one_off", "8 times LDR at +1, EOR.W", "unaligned", unaligned),
         Question("loads_two_off", "8 times LDR at +2, EOR.W", "unaligned", unaligned),
         Question("loads_three_off", "8 times LDR at +3, EOR.W", "unaligned", unaligned),
-        Question(
+        value_question(
             "loads_of_one_base",
             "4 times LDR [r1], #4, LDR [r1], #-4",
             "load_same_base",
-            row_is("load_same_base", "the loads overlap", "no load overlaps"),
+            "the loads overlap",
+            "no load overlaps",
         ),
-        Question(
+        value_question(
             "loads_of_two_memories",
             "4 times LDR from SRAM_U, LDR from flash",
             "load_other_block",
-            row_is("load_other_block", "the loads overlap", "no load overlaps"),
+            "the loads overlap",
+            "no load overlaps",
         ),
-        Question(
+        value_question(
             "multiple_behind_store",
             "4 times NOP, STR, LDM of two words",
             "multiple_behind_store",
-            row_is("multiple_behind_store", "LDM does not wait", "LDM waits one clock"),
+            "LDM does not wait",
+            "LDM waits one clock",
         ),
-        Question(
+        value_question(
             "fp_computed_address",
             "twice VMOV to the FPU, VMOV back, LDR from this address, NOP.W",
             "address_use_fp",
-            row_is("address_use_fp", "LDR does not wait", "LDR waits one clock"),
+            "LDR does not wait",
+            "LDR waits one clock",
         ),
-        Question(
+        value_question(
             "loads_and_three",
             "twice 3 LDR, 3 misaligned EOR.W, NOP, 3 NOP.W",
             "fetch_late_access",
-            row_is("fetch_late_access", "none waits", "one of the three waits"),
+            "none waits",
+            "one of the three waits",
         ),
-        Question(
+        value_question(
             "two_loads_and_three",
             "twice NOP, misaligned LDR.W, EOR.W, LDR.W, 2 EOR.W, NOP, 2 NOP.W",
             "fetch_late_unbroken",
-            row_is("fetch_late_unbroken", "none waits", "the third of the five waits"),
+            "none waits",
+            "the third of the five waits",
         ),
         Question(
             "loads_of_two_bases",
