@@ -138,6 +138,8 @@ def test_limits_decide_the_exit_code(small: Judged, limits: dict[str, float], co
     result = document(small, [], limits)
     assert result.exit_code == code
     assert [(limit.name, limit.most) for limit in result.limits] == list(limits.items())
+    passes = code == 0 and limits != {}
+    assert result.sentence.startswith("PASS") == passes, "without a limit there is no verdict"
 
 
 def test_more_cycles_than_the_other_are_a_regression_but_a_missed_limit_comes_first(

@@ -20,6 +20,7 @@ ALL = "all"
 """Name of the row over all families."""
 _CONFIDENCE = 0.95
 _P99 = 0.99
+_BESIDE = "direct"  # the calibrator of ours whose errors the sentence names
 _NORMAL = 1.96  # standard deviations on each side that 95 % are within
 _DIGITS = 6  # degrees and ratios are the same on every host to this many
 
@@ -252,7 +253,7 @@ def compare(judged: Judged, against: Judged) -> Comparison:
     return Comparison(error, cycles, unusable[0] - unusable[1])
 
 
-def ranks_with(one: EntryResult, other: EntryResult) -> bool:
+def ranks_with(one: EntryResult | FilterResult, other: EntryResult | FilterResult) -> bool:
     """Return whether the cycles of two entries can be ranked: one cycle model, and one compiler that is known."""
     compilers = [compiler_in(entry.built_by) for entry in (one, other)]
     return one.cycle_model == other.cycle_model and compilers[0] == compilers[1] != ""
@@ -307,8 +308,11 @@ def document(
     checked = tuple(check_limits(limit_values(judged.result), limits))
     comparison = compare(judged, against) if against else None
     entries = tuple(entry.result for entry in (judged, *([against] if against else []), *others))
-    code, word = _verdict(checked, is_worse=comparison is not None and comparison.is_worse)
-    sentence = f"{word}. {describe(judged.result, comparison, against)}"
+    code, word = _verdict(
+        checked, is_checked=against is not None, is_worse=comparison is not None and comparison.is_worse
+    )
+    beside = next((entry.result for entry in others if entry.result.name == _BESIDE), None)
+    sentence = f"{word}{describe(judged.result, beside, comparison, against)}"
     return JudgeDocument(__version__, sentence, code, entries, checked, comparison)
 
 
@@ -319,13 +323,14 @@ def filter_document(results: Sequence[FilterResult], limits: Mapping[str, float]
     values |= {"cycles": first.cycles, "cycles.most": first.most_cycles, "us": first.host_us}
     checked = tuple(check_limits(values, limits))
     against = next((result for result in results if result.role == "against"), None)
-    code, word = _verdict(checked, is_worse=against is not None and is_worse_filter(first, against))
+    is_worse = against is not None and is_worse_filter(first, against)
+    code, word = _verdict(checked, is_checked=against is not None, is_worse=is_worse)
     motions = len({score.motion for score in first.scores})
     error = f"heading error {values['heading']:.2f} deg rms"
     if values["total"] is not None:
         error = f"total error {values['total']:.2f} deg rms, heading {values['heading']:.2f}"
     cost = f", {first.cycles} cycles an update" if first.cycles else ""
-    text = f"{word}. {first.name}: {error}, mean of {format_count(motions, 'motion')}{cost}."
+    text = f"{word}{first.name}: {error}, mean of {format_count(motions, 'motion')}{cost}."
     return JudgeDocument(__version__, text, code, (), checked, None, tuple(results))
 
 
@@ -337,34 +342,46 @@ def is_worse_filter(new: FilterResult, old: FilterResult) -> bool:
     error = "heading" if None in (new.mean_deg("total"), old.mean_deg("total")) else "total"
     errors = [result.mean_deg(error) for result in (new, old)]
     errs_more = errors[0] is not None and errors[1] is not None and errors[0] > 1.01 * errors[1]
-    rank = (new.cycle_model, compiler_in(new.built_by)) == (old.cycle_model, compiler_in(old.built_by))
-    return errs_more or (rank and (new.cycles or 0) > (old.cycles or 0) > 0)
+    return errs_more or (ranks_with(new, old) and (new.cycles or 0) > (old.cycles or 0) > 0)
 
 
-def _verdict(checked: Sequence[LimitResult], *, is_worse: bool) -> tuple[int, str]:
-    """Return exit code and first words of the sentence."""
+def _verdict(checked: Sequence[LimitResult], *, is_checked: bool, is_worse: bool) -> tuple[int, str]:
+    """Return exit code and first words of the sentence, which are empty if nothing was asked for."""
     failed = [limit for limit in checked if limit.holds is False]
     missing = [limit for limit in checked if limit.holds is None]
     if failed:
-        return 1, f"FAIL: {_limit_words(failed[0])}"
+        return 1, f"FAIL: {_limit_words(failed[0])}. "
     if missing:
-        return 22, f"NOT EVALUATED: {missing[0].name} was not measured"
-    return (21, "REGRESSION") if is_worse else (0, "PASS")
+        return 22, f"NOT EVALUATED: {missing[0].name} was not measured. "
+    if is_worse:
+        return 21, "REGRESSION. "
+    return 0, "PASS. " if checked or is_checked else ""
 
 
 def _limit_words(limit: LimitResult) -> str:
     return f"{limit.name} {limit.value:g} (limit {limit.most:g})"
 
 
-def describe(result: EntryResult, comparison: Comparison | None = None, against: Judged | None = None) -> str:
-    """Return a sentence on an entry."""
-    rig, whole, cycles = result.family(RIG), result.family(ALL), result.cost.cycles
-    errors = "no accepted answer" if rig.rms is None else f"{rig.rms.value:.2f} x the bound on the default rig"
-    if whole.rms:
-        errors += f", {whole.rms.value:.2f} x over all worlds"
+def describe(
+    result: EntryResult,
+    beside: EntryResult | None = None,
+    comparison: Comparison | None = None,
+    against: Judged | None = None,
+) -> str:
+    """Return a sentence on an entry, with the errors of another one in parentheses."""
+    cycles, errors = result.cost.cycles, "no accepted answer"
+    if rms := result.family(RIG).rms:
+        errors = f"{rms.value:.2f} x the bound on the default rig{_parenthesis(beside, RIG)}"
+    if rms := result.family(ALL).rms:
+        errors += f", {rms.value:.2f} x over all worlds{_parenthesis(beside, ALL)}"
     cost = f", {cycles:_} cycles".replace("_", " ") if cycles else ""
     text = f"{result.name}: {errors}{cost}"
     if comparison and against and comparison.error:
         ratio = f"{comparison.cycles:.2f} x its cycles" if comparison.cycles else "cycles of another compiler"
         text += f"; {comparison.error.value:.2f} x the error of {against.result.name}, {ratio}"
     return f"{text}."
+
+
+def _parenthesis(beside: EntryResult | None, family: str) -> str:
+    rms = beside.family(family).rms if beside else None
+    return f" ({beside.name} {rms.value:.2f})" if beside and rms else ""
