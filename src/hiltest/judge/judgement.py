@@ -13,7 +13,7 @@ from hiltest import __version__
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.judge.answers import Answer, Entry, Outcome, Rating, rate
 from hiltest.judge.filter_scores import FilterResult
-from hiltest.judge.worlds import FAMILIES, RIG, World, draw_worlds
+from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, HALF_SPHERE, RIG, World, draw_worlds
 from hiltest.text import format_count
 
 ALL = "all"
@@ -87,6 +87,12 @@ class EntryResult:
     def family(self, name: str) -> FamilyResult:
         """Return the result in a family."""
         return next(result for result in self.families if result.family == name)
+
+    @property
+    def rank_error(self) -> float:
+        """Larger error of the two default clouds as a multiple of the bound; infinite without an accepted answer."""
+        errors = [self.family(cloud).rms for cloud in DEFAULT_CLOUDS]
+        return max(math.inf if error is None else error.value for error in errors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,7 +309,8 @@ def check_limits(values: Mapping[str, float | None], limits: Mapping[str, float]
 def document(
     judged: Judged, others: Sequence[Judged], limits: Mapping[str, float], against: Judged | None = None
 ) -> JudgeDocument:
-    """Return the document, with the sentence and the exit code."""
+    """Return the document, with the sentence and the exit code; the others are ranked by both default clouds."""
+    others = sorted(others, key=lambda other: other.result.rank_error)
     checked = tuple(check_limits(limit_values(judged.result), limits))
     comparison = compare(judged, against) if against else None
     entries = tuple(entry.result for entry in (judged, *([against] if against else []), *others))
@@ -358,10 +365,11 @@ def _limit_words(limit: LimitResult) -> str:
 
 def describe(result: EntryResult, comparison: Comparison | None = None, against: Judged | None = None) -> str:
     """Return a sentence on an entry."""
-    rig, whole, cycles = result.family(RIG), result.family(ALL), result.cost.cycles
+    rig, cycles = result.family(RIG), result.cost.cycles
     errors = "no accepted answer" if rig.rms is None else f"{rig.rms.value:.2f} x the bound on the default rig"
-    if whole.rms:
-        errors += f", {whole.rms.value:.2f} x over all worlds"
+    for family, place in ((HALF_SPHERE, "over half the sphere at 1 uT"), (ALL, "over all worlds")):
+        if error := result.family(family).rms:
+            errors += f", {error.value:.2f} x {place}"
     cost = f", {cycles:_} cycles".replace("_", " ") if cycles else ""
     text = f"{result.name}: {errors}{cost}"
     if comparison and against and comparison.error:
