@@ -270,19 +270,26 @@ def calibrations(
 
 
 @pytest.fixture(scope="session")
-def dpi(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
-    """Calibration against gravity from the pairs of the tumble; None if the rig does not request it."""
+def joint(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
+    """Calibration by norms and against gravity from the pairs of the tumble; None if the rig requests none."""
     if rig.procedure.dpi == "none":
         return None
-    return fit_tumble(board, tumble, slot=1 + len(calibrations), dip_deg=rig.field.dip_deg)
+    return fit_tumble(board, tumble, slot=1 + len(calibrations), dip_deg=rig.field.dip_deg, is_joint=True)
 
 
 @pytest.fixture(scope="session")
-def joint(board: Board, tumble: Tumble, calibrations: dict[str, CalibratorRun], rig: Rig) -> DpiRun | None:
-    """Calibration by norms and against gravity together; None if the rig requests none against gravity."""
-    if rig.procedure.dpi == "none":
+def dpi(
+    board: Board,
+    tumble: Tumble,
+    calibrations: dict[str, CalibratorRun],
+    joint: DpiRun | None,
+    rig: Rig,
+    hil_settings: Settings,
+) -> DpiRun | None:
+    """Calibration against gravity alone, from the same pairs; None in the gate set, or if the rig requests none."""
+    if joint is None or hil_settings.suite == "gate":
         return None
-    return fit_tumble(board, tumble, slot=2 + len(calibrations), dip_deg=rig.field.dip_deg, is_joint=True)
+    return fit_tumble(board, tumble, slot=2 + len(calibrations), dip_deg=rig.field.dip_deg)
 
 
 @pytest.fixture(scope="session")
@@ -290,8 +297,8 @@ def streams(
     board: Board,
     tumble: Tumble,
     calibrations: dict[str, CalibratorRun],
-    dpi: DpiRun | None,
     joint: DpiRun | None,
+    dpi: DpiRun | None,
     hil_progress: Progress,
 ) -> dict[str, StreamRun]:
     """Results of the streaming calibrators on all points of the tumble, in the order of their times."""
@@ -321,8 +328,8 @@ def requested_angles(
     turntable: Turntable,
     rig: Rig,
     calibrations: dict[str, CalibratorRun],
-    dpi: DpiRun | None,
     joint: DpiRun | None,
+    dpi: DpiRun | None,
     streams: dict[str, StreamRun],
     accelerometer_fit: AccelerometerFit,
     hil_calibration: ImuCalibration | None,
@@ -333,7 +340,7 @@ def requested_angles(
     """Headings that the board answers at known angles with each calibration."""
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT}
     slots |= {name: run.slot for name, run in calibrations.items() if run.usable}
-    slots |= {name: fit.run.slot for name, fit in ((DPI, dpi), (JOINT, joint)) if fit is not None and fit.run.usable}
+    slots |= {name: fit.run.slot for name, fit in ((JOINT, joint), (DPI, dpi)) if fit is not None and fit.run.usable}
     store_accelerometer(board, accelerometer_fit, list(slots.values()))
     slots |= store_untrimmed(
         board,

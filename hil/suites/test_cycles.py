@@ -13,7 +13,6 @@ from hiltest.procedures import (
     DPI,
     FAST,
     JOINT,
-    JOINT_SIZES,
     CycleCost,
     FastFit,
     Progress,
@@ -117,16 +116,13 @@ def test_cycles_over_the_number_of_points(costs: Mapping[str, CycleCost], measur
     )
 
 
-def test_cycles_of_the_calibration_against_gravity(
-    board: Board, rig: Rig, measure: Measure, hil_progress: Progress
+@pytest.mark.parametrize("name", [JOINT, pytest.param(DPI, marks=pytest.mark.full)])
+def test_cycles_of_the_calibrations_against_gravity(
+    board: Board, rig: Rig, measure: Measure, hil_progress: Progress, name: str
 ) -> None:
     if rig.procedure.dpi == "none":
         pytest.skip("the rig's [procedure] has no calibration against gravity")
-    costs = {
-        DPI: measure_dpi_cycles(board, progress=hil_progress),
-        JOINT: measure_dpi_cycles(board, sizes=JOINT_SIZES, is_joint=True, progress=hil_progress),
-    }
-    for name, cost in costs.items():
-        measure_cost(name, cost, measure)
-        measure(f"cycles.{name}.instructions", cost.instructions, "instruction")
-    refuse_work_outside_the_timer(costs)
+    cost = measure_dpi_cycles(board, is_joint=name == JOINT, progress=hil_progress)
+    measure_cost(name, cost, measure)
+    measure(f"cycles.{name}.instructions", cost.instructions, "instruction")
+    refuse_work_outside_the_timer({name: cost})

@@ -56,14 +56,15 @@ def require(dpi: DpiRun | None) -> DpiRun:
     return dpi
 
 
-def test_gravity_calibrates_the_magnetometer(dpi: DpiRun | None, rig: Rig, measure: Measure) -> None:
-    measure_fit(measure, require(dpi), rig)
-
-
 def test_norms_and_gravity_calibrate_the_magnetometer_together(
     joint: DpiRun | None, rig: Rig, measure: Measure
 ) -> None:
     measure_fit(measure, require(joint), rig)
+
+
+@pytest.mark.full
+def test_gravity_alone_calibrates_the_magnetometer(dpi: DpiRun | None, rig: Rig, measure: Measure) -> None:
+    measure_fit(measure, require(dpi), rig)
 
 
 def measure_float32_error(
@@ -77,7 +78,8 @@ def measure_float32_error(
     measure(f"heading.{name}.float32_error", float(np.abs(differences).max()), "deg")
 
 
-def test_the_boards_arithmetic_does_not_enter(
+@pytest.mark.full
+def test_the_boards_arithmetic_does_not_enter_dpi(
     board: Board, dpi: DpiRun | None, known_angles: RequestedAngles, tumble: Tumble, rig: Rig, measure: Measure
 ) -> None:
     if not require(dpi).run.usable:

@@ -146,7 +146,8 @@ def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig
     """
     if name not in calibrations and name not in (DPI, JOINT, CALIBRATION_FILE):
         return {}
-    by_hand_deg, mounting_deg = rig.guard_band_deg(f"heading.{DPI}.bias"), rig.mounting and rig.mounting.uncertainty_deg
+    by_hand_deg = rig.guard_band_deg(f"heading.{JOINT}.bias")
+    mounting_deg = rig.mounting and rig.mounting.uncertainty_deg
     bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG)
     return {"max": GOAL, "max_centred": GOAL, "bias": bias}
 

@@ -21,6 +21,6 @@ def test_statuses_are_those_that_end_without_a_calibration() -> None:
 def test_the_rig_and_the_measurements_that_it_names_are_there() -> None:
     (rig,) = re.findall(r"\$ hiltest run --rig (\S+)", PAGE)
     assert (ROOT / "hil" / "rigs" / f"{rig}.toml").exists()
-    named = re.findall(r"`(fit\.dpi\.\w+)`", PAGE)
+    named = re.findall(r"`(fit\.joint\.\w+)`", PAGE)
     assert named
     assert [name for name in named if identify(name).kind is None] == []

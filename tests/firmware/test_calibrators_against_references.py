@@ -23,7 +23,7 @@ CLOUDS = sorted((ROOT / "fixtures" / "clouds").glob("*.json"))
 CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent")
 # 99th percentile of the distance to float64 [deg]: a fiftieth of what noise alone does to these fits. Rounded products
 # of 16 bits cost more (test_direct_fast.py has what that means against the truth).
-LARGEST_P99_DEG = dict.fromkeys(CALIBRATORS, 0.01) | {"direct-fast": 0.15}
+LARGEST_P99_DEG = dict.fromkeys(CALIBRATORS, 0.01) | dict.fromkeys(("direct-fast", "corrected"), 0.15)
 GOOD_SEEDS = range(1000, 1570)
 CAP_SEEDS = range(2000, 2030)  # 30 of 600: 5 %
 FLOAT32_EPSILON = 2.0**-23
@@ -156,11 +156,13 @@ def test_closed_forms_match_exact_arithmetic(calibrators: Runner, name: str, clo
     assert fit.iterations == expected.get("iterations", 0)
     soft_iron = np.array(expected["soft_iron"]).reshape(3, 3)
     # float32 sums of 300 points carry 2e-6; the condition of the normal equations (below 100 here) multiplies it.
-    assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=2e-4 * soft_iron.max())
+    # Products of 16 bits, as `corrected` sums them, are rounded to 3e-5 of the largest, each point otherwise.
+    tolerance = 2e-4 if name == "direct" else 1e-3
+    assert np.allclose(fit.soft_iron, soft_iron, rtol=0, atol=tolerance * soft_iron.max())
     radius = 1.0 / soft_iron[0, 0]
-    assert np.allclose(fit.hard_iron, expected["hard_iron"], rtol=0, atol=2e-4 * radius)
+    assert np.allclose(fit.hard_iron, expected["hard_iron"], rtol=0, atol=tolerance * radius)
     if expected["coverage"] is not None:
-        assert fit.coverage == pytest.approx(expected["coverage"], rel=2e-3)
+        assert fit.coverage == pytest.approx(expected["coverage"], rel=10 * tolerance)
 
 
 @pytest.mark.parametrize("name", CALIBRATORS)

@@ -115,6 +115,12 @@ def test_twice_the_error_is_twice_the_error(small: Judged, large: Judged) -> Non
     assert (back.cycles, back.more_refused, back.is_worse) == (pytest.approx(10 / 9), -2, True)
 
 
+def test_other_entries_are_ranked_by_the_larger_error_of_both_default_clouds(small: Judged, large: Judged) -> None:
+    unusable = judge(Truth(np.nan), "hiltest")
+    roles = [entry.role for entry in document(small, [unusable, large, small], {}).entries]
+    assert roles == ["judged", "judged", "against", "hiltest"]
+
+
 def test_cycles_of_another_compiler_or_an_unknown_one_are_not_ranked(small: Judged, large: Judged) -> None:
     for built_by in ("zig 0.14.0 -O2", "", "-O2 -mthumb"):
         other = Judged(replace(large.result, built_by=built_by), large.ratings)

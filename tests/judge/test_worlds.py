@@ -10,7 +10,16 @@ import pytest
 
 from hiltest.calibration import REFERENCES
 from hiltest.calibration.quality import COUNTS_PER_UT
-from hiltest.judge.worlds import FAMILIES, RESOLUTION_UT, WORLDS, Family, World, draw_world, draw_worlds
+from hiltest.judge.worlds import (
+    DEFAULT_CLOUDS,
+    FAMILIES,
+    RESOLUTION_UT,
+    WORLDS,
+    Family,
+    World,
+    draw_world,
+    draw_worlds,
+)
 from hiltest.rig.bench_files import shipped
 from hiltest.verdict.baseline_file import read_baseline
 
@@ -22,6 +31,7 @@ DIGESTS = {
     "coverage": "3e8617e615006ab7",
     "soft-iron": "14cccc2cf41a64e2",
     "points": "4ecdb6a9781ee2ca",
+    "half-sphere": "87128532adee20be",
 }
 
 
@@ -75,21 +85,37 @@ def test_directs_worst_headings_on_the_rig_are_those_of_whole_runs() -> None:
 
 
 def test_each_family_varies_what_its_title_says() -> None:
-    noise, coverage, soft_iron, points = (
+    noise, coverage, soft_iron, points, half = (
         [draw_world(family, number) for number in (0, WORLDS - 1)] for family in FAMILIES[1:]
     )
     assert [round(world.noise_ut, 1) for world in noise] == [0.2, 5.0]
     assert [len(world.samples_ut) for world in points] == [12, 1000]
     gaps = []
-    for world in coverage:
+    for world in (*coverage, *half):
         directions = np.linalg.solve(world.soft_iron, (world.samples_ut - world.hard_iron_ut).T).T
         gaps.append(0.5 * (1.0 - (directions[:, 0] / np.linalg.norm(directions, axis=1)).max()))
     assert gaps[0] < 0.02  # of a hundred points
-    assert gaps[1] == pytest.approx(0.7, abs=0.02)
+    assert gaps[1:] == pytest.approx([0.7, 0.5, 0.5], abs=0.02)
     gains = [np.linalg.eigvalsh(draw_world(FAMILIES[3], number).soft_iron) for number in range(WORLDS)]
     assert 0.8 <= np.min(gains) < 0.83
     assert 1.17 < np.max(gains) <= 1.2
     assert len(soft_iron[0].samples_ut) == 100
+
+
+def test_the_second_default_cloud_ranks_fits_that_are_equal_in_the_first() -> None:
+    errors = {
+        (family.name, name): rms(np.array([rms(fit_errors(world, name)) for world in draw_worlds(family)]))
+        for family in FAMILIES
+        if family.name in DEFAULT_CLOUDS
+        for name in ("direct", "corrected", "iterative")
+    }
+    rig, half = (
+        {name: errors[cloud, name] for name in ("direct", "corrected", "iterative")} for cloud in DEFAULT_CLOUDS
+    )
+    assert max(rig.values()) < 1.02 * min(rig.values())
+    # Each step is at least five deviations: 100 errors scatter by 7 % of their root mean square.
+    assert half["corrected"] < 0.75 * half["iterative"]
+    assert half["iterative"] < 0.75 * half["direct"]
 
 
 @FAMILY

@@ -40,7 +40,7 @@ def test_a_served_board_passes_the_whole_main_job_on_a_busy_machine(serve: Serve
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
     measured = {measurement["name"]: measurement["value"] for measurement in record["measurements"]}
     # Everything that the rig limits was measured, and passed; without a calibration the board does not hold the limit.
-    assert measured["fit.dpi.status"] == 0
+    assert measured["fit.joint.status"] == 0
     # By the clock of a busy machine the points covered 66 %, because the board was 6 s behind; by position 92.
     assert measured["tumble.coverage"] > 85.0
     assert measured["heading.direct.max"] < 1.8 < measured["heading.uncalibrated.max_level"]

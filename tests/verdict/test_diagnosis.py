@@ -32,7 +32,7 @@ NOISE = np.random.default_rng(5).normal(size=(60, 3))
 SOFT_IRON = np.array([[1.022, 0.010, -0.006], [0.010, 0.982, 0.009], [-0.006, 0.009, 1.004]])
 HARD_IRON = np.array([24.0, -22.0, 40.0])
 PREDICTED = 0.79
-MIRRORED = check("fit.dpi.status", int(FitStatus.MIRRORED), unit="")
+MIRRORED = check("fit.joint.status", int(FitStatus.MIRRORED), unit="")
 
 
 def turned(pose: Pose) -> np.ndarray:
@@ -215,18 +215,18 @@ def test_what_is_wrong_is_named_with_its_size(sentence: Callable[..., str], benc
 
 
 def test_a_dip_of_the_opposite_sign_is_named_though_no_heading_depends_on_it(sentence: Callable[..., str]) -> None:
-    answer = sentence(Bench(real_field=FIELD_NED * [1, 1, -1]), MIRRORED, broken="dpi of 300 rows: MIRRORED")
+    answer = sentence(Bench(real_field=FIELD_NED * [1, 1, -1]), MIRRORED, broken="joint of 300 rows: MIRRORED")
     assert "Likely cause: the dip has the opposite sign of the declared one." in answer
 
 
 def test_a_refusal_as_mirrored_of_what_is_right_is_the_firmwares(sentence: Callable[..., str]) -> None:
-    answer = sentence(Bench(), MIRRORED, broken="dpi of 300 rows: MIRRORED")
-    assert "Likely cause: dpi refuses points as MIRRORED although the known angles confirm their axes" in answer
+    answer = sentence(Bench(), MIRRORED, broken="joint of 300 rows: MIRRORED")
+    assert "Likely cause: joint refuses points as MIRRORED although the known angles confirm their axes" in answer
 
 
 def test_what_could_not_be_evaluated_comes_behind_the_cause(sentence: Callable[..., str]) -> None:
     names = [f"cycles.{name}.total" for name in ("direct", "iterative", "corrected")]
     unset = unmet_limits(dict.fromkeys(names, Limit(max=1)), dict.fromkeys(names, "cycle"), [], ["direct"])
-    for broken in ("", "dpi of 300 rows: MIRRORED"):
+    for broken in ("", "joint of 300 rows: MIRRORED"):
         answer = sentence(Bench(held_offset=[6, 0, 0]), *unset, broken=broken)
         assert answer.index("Likely cause: hard-iron error") < answer.lower().index("cycles.direct.total")

@@ -262,8 +262,9 @@ def test_a_limit_that_nothing_met_is_named_and_is_no_calibrator(findings: Make, 
 @pytest.mark.parametrize(
     ("name", "gate_only", "why"),
     [
-        ("heading.dpi.max", True, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
+        ("heading.joint.max", True, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
         ("cycles.dpi-poses.total", False, 'nothing measured it; procedure.dpi is "none", or its fit was refused'),
+        ("heading.dpi.max", True, "nothing in the gate set measured it"),
         ("heading.dpi-poses.max", True, "nothing in the gate set measured it"),
         ("heading.calibration.max", True, "nothing measured it; --calibration named no file"),
     ],

@@ -91,7 +91,7 @@ def judge(
 ) -> tuple[int, JudgeDocument]:
     """Judge a calibrator or a filter by its errors and cycles.
 
-    A calibrator calibrates in 500 simulated worlds whose truth is known. A filter follows a simulated or a recorded
+    A calibrator calibrates in 600 simulated worlds whose truth is known. A filter follows a simulated or a recorded
     motion.
     """
     from hiltest import __version__

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from hiltest.judge.filter_scores import PhaseScore
 from hiltest.judge.judgement import ALL, EntryResult, Estimate, JudgeDocument, ranks_with
-from hiltest.judge.worlds import FAMILIES, RIG, WORLDS
+from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, RIG, WORLDS
 from hiltest.report.marks import KeyEntry, series
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -21,6 +21,7 @@ _TEXTS = ("motion", "phase")
 PAGE_FILE, JSON_FILE = "judge.html", "judge.json"
 HEADINGS = (
     "calibrator",
+    *DEFAULT_CLOUDS,
     "x bound",
     "interval",
     "median",
@@ -82,6 +83,7 @@ def entry_row(entry: EntryResult, first: EntryResult) -> tuple[str, ...]:
     is_ranked = entry is first or not first.cost.cycles or ranks_with(entry, first)
     return (
         entry.name,
+        *(_value(entry.family(cloud).rms) for cloud in DEFAULT_CLOUDS),
         _value(whole.rms),
         _interval(whole.rms),
         _value(whole.median),

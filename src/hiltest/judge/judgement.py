@@ -13,7 +13,7 @@ from hiltest import __version__
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.judge.answers import Answer, Entry, Outcome, Rating, rate
 from hiltest.judge.filter_scores import FilterResult
-from hiltest.judge.worlds import FAMILIES, RIG, World, draw_worlds
+from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, HALF_SPHERE, RIG, World, draw_worlds
 from hiltest.text import format_count
 
 ALL = "all"
@@ -88,6 +88,12 @@ class EntryResult:
     def family(self, name: str) -> FamilyResult:
         """Return the result in a family."""
         return next(result for result in self.families if result.family == name)
+
+    @property
+    def rank_error(self) -> float:
+        """Larger error of the two default clouds as a multiple of the bound; infinite without an accepted answer."""
+        errors = [self.family(cloud).rms for cloud in DEFAULT_CLOUDS]
+        return max(math.inf if error is None else error.value for error in errors)
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,7 +310,8 @@ def check_limits(values: Mapping[str, float | None], limits: Mapping[str, float]
 def document(
     judged: Judged, others: Sequence[Judged], limits: Mapping[str, float], against: Judged | None = None
 ) -> JudgeDocument:
-    """Return the document, with the sentence and the exit code."""
+    """Return the document, with the sentence and the exit code; the others are ranked by both default clouds."""
+    others = sorted(others, key=lambda other: other.result.rank_error)
     checked = tuple(check_limits(limit_values(judged.result), limits))
     comparison = compare(judged, against) if against else None
     entries = tuple(entry.result for entry in (judged, *([against] if against else []), *others))
@@ -368,14 +375,15 @@ def describe(
     comparison: Comparison | None = None,
     against: Judged | None = None,
 ) -> str:
-    """Return a sentence on an entry, with the errors of another one in parentheses."""
-    cycles, errors = result.cost.cycles, "no accepted answer"
-    if rms := result.family(RIG).rms:
-        errors = f"{rms.value:.2f} x the bound on the default rig{_parenthesis(beside, RIG)}"
-    if rms := result.family(ALL).rms:
-        errors += f", {rms.value:.2f} x over all worlds{_parenthesis(beside, ALL)}"
+    """Return a sentence on an entry in the default clouds, with the errors of another one in parentheses."""
+    errors = [
+        f"{rms.value:.2f} x the bound {place}{_parenthesis(beside, cloud)}"
+        for cloud, place in ((RIG, "on the default rig"), (HALF_SPHERE, "over half the sphere at 1 uT"))
+        if (rms := result.family(cloud).rms)
+    ]
+    cycles = result.cost.cycles
     cost = f", {cycles:_} cycles".replace("_", " ") if cycles else ""
-    text = f"{result.name}: {errors}{cost}"
+    text = f"{result.name}: {', '.join(errors) or 'no accepted answer in the default clouds'}{cost}"
     if comparison and against and comparison.error:
         ratio = f"{comparison.cycles:.2f} x its cycles" if comparison.cycles else "cycles of another compiler"
         text += f"; {comparison.error.value:.2f} x the error of {against.result.name}, {ratio}"

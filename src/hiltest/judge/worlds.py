@@ -36,7 +36,7 @@ _WHOLE_SPHERE = 0.0
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """A hundred worlds in which one condition varies."""
+    """A hundred worlds: one of the two default clouds, in which only the noise varies, or one condition varies."""
 
     name: str
     title: str
@@ -46,18 +46,22 @@ class Family:
     """Number of points of the first and of the last world, in the same way."""
     stretch: float = _STRETCH
     """Principal gains of the soft iron are uniform within 1 plus or minus this."""
-    largest_gap: float = _WHOLE_SPHERE
-    """Share of the sphere that a cap without points takes in the last world; linear from 0 in the first one."""
+    gap: tuple[float, float] = (_WHOLE_SPHERE, _WHOLE_SPHERE)
+    """Share of the sphere that a cap without points takes in the first and in the last world; linear in between."""
 
 
 RIG = "rig"
-"""Family of the default rig: its field, distortion, noise and number of points."""
+"""Default cloud of the default rig: its field, distortion, noise and number of points."""
+HALF_SPHERE = "half-sphere"
+"""Default cloud in which fits of norms differ: field and distortion of the rig, half the sphere, 1 uT, 300 points."""
+DEFAULT_CLOUDS = (RIG, HALF_SPHERE)
 FAMILIES = (
     Family(RIG, "the default rig: 100 points over the sphere, 0.4 uT"),
     Family("noise", "noise from 0.2 to 5 uT", noise_ut=(0.2, 5.0)),
-    Family("coverage", "a cap without points, up to 70 % of the sphere", largest_gap=0.7),
+    Family("coverage", "a cap without points, up to 70 % of the sphere", gap=(0.0, 0.7)),
     Family("soft-iron", "gains within 20 % of 1", stretch=0.2),
     Family("points", "12 to 1 000 points", points=(12, 1000)),
+    Family(HALF_SPHERE, "300 points over half the sphere, 1 uT", (1.0, 1.0), (300, 300), gap=(0.5, 0.5)),
 )
 
 
@@ -153,14 +157,18 @@ def draw_world(family: Family, number: int) -> World:
     share = number / (WORLDS - 1)
     noise_ut = _between(family.noise_ut, share)
     points = round(_between(family.points, share))
-    if family.name == RIG:
+    if family.name in DEFAULT_CLOUDS:
         soft_iron, hard_iron_ut = np.array(rig.world.soft_iron), np.array(rig.world.hard_iron_ut)
         directions = sphere_directions(points)
     else:
         model = Model(seed=FAMILIES.index(family), points=points, noise_ut=0.0, stretch=family.stretch, occluded=0.0)
         instance = draw_instances(model, number, 1)
         soft_iron, hard_iron_ut = instance.soft_iron[0], instance.hard_iron_ut[0]
-        directions = _directions(instance.points_ut[0], soft_iron, hard_iron_ut, family.largest_gap * share)
+        directions = np.linalg.solve(soft_iron, (instance.points_ut[0] - hard_iron_ut).T).T
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+    low, high = family.gap
+    if high > _WHOLE_SPHERE:
+        directions = _squeeze_out_of_cap(directions, low + (high - low) * share)
     noise = noise_ut * draw_noise(number, f"{family.name} samples", points)
     samples_ut = rig.field.strength_ut * directions @ soft_iron.T + hard_iron_ut + noise
     return World(
@@ -208,10 +216,8 @@ def _between(ends: tuple[float, float], share: float) -> float:
     return float(low * (high / low) ** share)
 
 
-def _directions(points_ut: Array, soft_iron: Array, hard_iron_ut: Array, gap: float) -> Array:
-    """Return the directions of points without noise, moved out of a cap about x that takes a share of the sphere."""
-    directions = np.linalg.solve(soft_iron, (points_ut - hard_iron_ut).T).T
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
+def _squeeze_out_of_cap(directions: Array, gap: float) -> Array:
+    """Return directions moved out of a cap about x that takes a share of the sphere."""
     # Equal areas have equal heights (Archimedes): heights are squeezed into the part that is left.
     height = (directions[:, 0] + 1.0) * (1.0 - gap) - 1.0
     across = np.hypot(directions[:, 1], directions[:, 2])

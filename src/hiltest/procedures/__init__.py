@@ -12,7 +12,7 @@ from hiltest.procedures.calibrate import (
     store_untrimmed,
 )
 from hiltest.procedures.cycles import CycleCost, measure_cycles, upload_pairs, upload_points
-from hiltest.procedures.dpi import DPI, JOINT, JOINT_SIZES, DpiRun, fit_still_poses, fit_tumble, measure_dpi_cycles
+from hiltest.procedures.dpi import DPI, JOINT, DpiRun, fit_still_poses, fit_tumble, measure_dpi_cycles
 from hiltest.procedures.driven_calibrations import DrivenCalibrations, DrivenStage, calibrate_while_driving
 from hiltest.procedures.driving import DrivingResult, measure_driving
 from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
@@ -51,7 +51,6 @@ __all__ = [
     "DPI",
     "FAST",
     "JOINT",
-    "JOINT_SIZES",
     "UNCALIBRATED",
     "UNCALIBRATED_SLOT",
     "AccelerometerRestResult",

@@ -122,7 +122,7 @@ def measure_dpi_cycles(
     board: Board,
     *,
     point_sets: int = 2,
-    sizes: Sequence[int] = DPI_SIZES,
+    sizes: Sequence[int] | None = None,
     is_joint: bool = False,
     progress: Progress | None = None,
 ) -> CycleCost:
@@ -135,7 +135,7 @@ def measure_dpi_cycles(
     point_sets
         Number of point sets of the spread, each at the first size; at least 1.
     sizes
-        Numbers of pairs of the line; `total` is at the first.
+        Numbers of pairs of the line; `total` is at the first. By default `DPI_SIZES` or `JOINT_SIZES`.
     is_joint
         See `fit_tumble`.
 
@@ -149,6 +149,7 @@ def measure_dpi_cycles(
     if board.identity.cycle_source is CycleSource.NONE:
         raise no_cycle_counter()
     tell, name = progress or silent, JOINT if is_joint else DPI
+    sizes = sizes or (JOINT_SIZES if is_joint else DPI_SIZES)
     work = [(sizes[0], index) for index in range(point_sets)] + [(size, 0) for size in sizes[1:]]
     cycles: dict[tuple[int, int], int] = {}
     instructions = band = request = None

@@ -55,7 +55,7 @@ ADVICE = {
     Cause.SCALE: "Compare the gain of each axis with the float64 fit of the same points.",
     Cause.SOFT_IRON: "Compare the soft iron with the float64 fit of the same points.",
     Cause.ROTATION: "Compare the rows and columns of the soft iron with the float64 fit of the same points.",
-    Cause.GOOD_FIT_BAD_HEADING: "Calibrate against gravity (dpi): a fit of norms cannot detect a rotated soft iron.",
+    Cause.GOOD_FIT_BAD_HEADING: "Calibrate against gravity (joint): a fit of norms cannot detect a rotated soft iron.",
     Cause.BAD_FIT: "Check the calibrated samples in the report: the model does not fit them.",
     Cause.FRAME: "Correct frame or heading under [device] in the rig, or the firmware's convention.",
     Cause.NOT_TOGETHER: "Compare unit, order and axes of the firmware's vectors and calibration with the rig.",

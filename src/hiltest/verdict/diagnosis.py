@@ -29,7 +29,7 @@ from hiltest.verdict.reported_headings import (
 _MAKES_MOST = 0.5
 # A rotation is about one axis of the board if its components about the others are below this fraction.
 _ABOUT_ONE_AXIS = 0.3
-_AGAINST_GRAVITY = ("dpi", "dpi-poses", "joint")
+_AGAINST_GRAVITY = ("joint", "dpi", "dpi-poses")
 _OF_HEADINGS = ("max", "rms", "bias", "max_centred", "float32_error")
 _OF_THE_FIT = (Cause.POOR_COVERAGE, Cause.GOOD_FIT_BAD_HEADING, Cause.BAD_FIT)
 
@@ -50,7 +50,7 @@ NOTHING = Diagnosis(Cause.NONE, "")
 
 # Description of a calibration against gravity that is refused although axes and dip are right.
 _REFUSED = (
-    "dpi refuses points as MIRRORED although the known angles confirm their axes: its dip or gravity has the "
+    "{} refuses points as MIRRORED although the known angles confirm their axes: its dip or gravity has the "
     "opposite sign, or it exchanges axes"
 )
 
@@ -77,8 +77,9 @@ def diagnose_run(
     elif own:
         causes |= dict.fromkeys(own, _diagnose_reported(by_name, tables, is_heading=FIRMWARE in own))
     if axes is not None and is_broken and not any(diagnosis.cause is Cause.AXES for diagnosis in causes.values()):
-        mirrored = value_of(by_name.get("fit.dpi.status")) == FitStatus.MIRRORED
-        words = str(axes) or (_REFUSED if mirrored and axes.are_as_declared else "")
+        statuses = {name: value_of(by_name.get(f"fit.{name}.status")) for name in _AGAINST_GRAVITY}
+        mirrored = [name for name, status in statuses.items() if status == FitStatus.MIRRORED]
+        words = str(axes) or (_REFUSED.format(mirrored[0]) if mirrored and axes.are_as_declared else "")
         causes[""] = Diagnosis(Cause.AXES, words) if words else NOTHING
     return {
         name: diagnosis if diagnosis.advice else replace(diagnosis, advice=ADVICE[diagnosis.cause])

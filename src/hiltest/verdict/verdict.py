@@ -32,10 +32,11 @@ TIE_DEG = 0.1
 _NAMED_AT_MOST = 3
 _CALIBRATOR = "{calibrator}"
 _UNTRIMMED = "-untrimmed"
+# Calibrations against gravity that only the full set makes.
+_OF_THE_FULL_SET = ("dpi", "dpi-poses")
 # Calibrations that no calibrator of the firmware makes from the tumble's points, and reasons why one may be missing.
-_OF_STILL_POSES = "dpi-poses"
 _OTHERWISE = {
-    **dict.fromkeys(("dpi", "joint", _OF_STILL_POSES), 'procedure.dpi is "none", or its fit was refused'),
+    **dict.fromkeys(("joint", *_OF_THE_FULL_SET), 'procedure.dpi is "none", or its fit was refused'),
     "calibration": "--calibration named no file",
 }
 
@@ -388,7 +389,7 @@ def unmet_limits(
 def _unmet_reason(name: str, calibrators: Sequence[str], gate_only: bool, place: str) -> str:
     named = identify(name)
     calibrator, _, points = named.subject.removesuffix(_UNTRIMMED).partition("@")
-    waits = gate_only and calibrator == _OF_STILL_POSES
+    waits = gate_only and calibrator in _OF_THE_FULL_SET
     if named.kind and _CALIBRATOR in named.kind.name and named.section is not Section.STREAMS and not waits:
         if calibrator in _OTHERWISE:
             return f"nothing measured it; {_OTHERWISE[calibrator]}"
