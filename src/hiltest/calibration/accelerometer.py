@@ -28,7 +28,7 @@ FACE_COSINE = 0.94
 #: Range of a reading on a face: a part at another full scale is outside, an untrimmed one inside.
 FACE_NORMS_G = (0.6, 1.6)
 
-#: Prior of a part's cross-axis sensitivities, rms of each element: half a percent, as in the part's data sheet.
+#: Prior of a part's cross-axis sensitivities, rms of each element: half a percent, as in data sheets.
 CROSS_AXIS = 0.005
 # Passes of the alternation below. The third pass fits faces misaligned by 1 degree to 1e-10 mg, by 20 degrees to 4e-4;
 # its step is below 0.1 mg if a solution exists.

@@ -10,8 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.judge.filter_scores import PhaseScore
-from hiltest.judge.judgement import ALL, EntryResult, Estimate, JudgeDocument, ranks_with
+from hiltest.judge.judgement import ALL, EntryResult, JudgeDocument, ranks_with
 from hiltest.judge.worlds import FAMILIES, RIG, WORLDS
+from hiltest.measurement.estimates import Estimate
 from hiltest.report.marks import KeyEntry, series
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -141,10 +142,7 @@ def _measured(value: float | None) -> str:
 
 
 def _interval(estimate: Estimate | None) -> str:
-    if estimate is None:
-        return ""
-    low, high = ("?" if end is None else f"{end:.2f}" for end in (estimate.low, estimate.high))
-    return f"{low} to {high}"
+    return "" if estimate is None else estimate.interval
 
 
 def page(judged: JudgeDocument) -> str:
