@@ -15,16 +15,8 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, counted_fit, draw_instances
-from hiltest.studies.study import (
-    Block,
-    Conclusion,
-    Conditions,
-    Numbers,
-    Plan,
-    Study,
-    quantile_columns,
-    quantile_measurement,
-)
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
+from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
 from hiltest.text import format_number
 
 _HIGH = 0.95

@@ -22,16 +22,8 @@ from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
-from hiltest.studies.study import (
-    Block,
-    Conclusion,
-    Numbers,
-    Plan,
-    PrintedFigure,
-    Study,
-    quantile_columns,
-    quantile_measurement,
-)
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 # Dip of the field at the location of the paper, in the south of Brazil.
 _DIP_DEG = -35.0

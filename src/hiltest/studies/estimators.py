@@ -18,16 +18,8 @@ from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.instances import Instances, Model, counted_fit, draw_instances
-from hiltest.studies.study import (
-    Block,
-    Conclusion,
-    Numbers,
-    Plan,
-    PrintedFigure,
-    Study,
-    quantile_columns,
-    quantile_measurement,
-)
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
 NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))

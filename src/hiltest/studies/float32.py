@@ -20,16 +20,8 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, counted_fit, draw_instances
-from hiltest.studies.study import (
-    Block,
-    Conclusion,
-    Numbers,
-    Plan,
-    PrintedFigure,
-    Study,
-    quantile_columns,
-    quantile_measurement,
-)
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 #: Ratios of hard iron to the field; at larger ratios a sensor with a range of 1000 uT saturates.
 RATIOS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)

@@ -19,16 +19,8 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.dpi import COUNTS, draw_sensor
 from hiltest.studies.instances import Model, draw_instances
-from hiltest.studies.study import (
-    Block,
-    Conclusion,
-    Numbers,
-    Plan,
-    PrintedFigure,
-    Study,
-    quantile_columns,
-    quantile_measurement,
-)
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
+from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 UNCALIBRATED, LSTSQ = "uncalibrated", "lstsq"
 CALIBRATORS = ("li", "merayo", "frosio")
@@ -203,8 +195,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         f"{differing} of {plan.instances * ACCELEROMETER} instances."
     )
     printed = (
-        *_table_1(all_axes),
-        *_table_2(norms),
+        *_judge_rows(all_axes, norms),
         _judge_convergence(norms),
         _judge_improvement(norms[JUDGED], differing),
     )
@@ -276,51 +267,44 @@ def row_probability(printed: Sequence[float | None], rms: Array) -> float | None
 
 
 def _judge_row(
-    row: str, paper: str, printed: Sequence[float | None], rms: Array, probability: float | None, why: str
+    row: str, paper: str, printed: Sequence[float | None], models: Sequence[Array], shown: int, why: str
 ) -> PrintedFigure:
-    """Judge a row of a table by the probability of all of its figures together."""
-    reproduced = None if probability is None else probability >= _ROW_LEVEL
+    """Judge a row of a table by the model that suits it best; the medians are those of the model `shown`."""
+    probabilities = [row_probability(printed, rms) for rms in models]
+    probability = max((value for value in probabilities if value is not None), default=None)
     stated = (
         "too few instances have the fits of this row"
         if probability is None
         else f"{100.0 * probability:.2g} % of instances are as unusual as the row, all figures together; it is not "
         f"reproduced below {100.0 * _ROW_LEVEL:.2g} %"
     )
-    medians = (_median(column) for column in rms.T)
     return PrintedFigure(
         row,
         f"Puc, Podobnik and Munih, {paper}",
         ", ".join("no fit" if figure is None else f"{figure:.5f}" for figure in printed),
-        ", ".join("no fit" if median is None else str(median) for median in medians),
-        reproduced,
+        ", ".join("no fit" if median is None else str(median) for median in map(_median, models[shown].T)),
+        None if probability is None else probability >= _ROW_LEVEL,
         f"{stated}; {why}",
     )
 
 
-def _table_1(all_axes: Array) -> Iterator[PrintedFigure]:
-    """Judge Table 1; its rms by merayo and frosio are of 60 attitudes, because six faces do not determine them."""
-    for axis, (name, printed) in enumerate(_TABLE_1.items()):
-        rms = all_axes[:, _TABLE_1_PLACES, axis]
+def _judge_rows(all_axes: Array, norms: Array) -> Iterator[PrintedFigure]:
+    for axis, (name, figures) in enumerate(_TABLE_1.items()):
         yield _judge_row(
             f"accelerometer, {name}: {UNCALIBRATED}, {LSTSQ}, merayo, frosio",
             "Table 1",
-            printed,
-            rms,
-            row_probability(printed, rms),
+            figures,
+            [all_axes[:, _TABLE_1_PLACES, axis]],
+            0,
             "merayo and frosio are measured with 60 attitudes, because six faces do not determine their nine unknowns",
         )
-
-
-def _table_2(norms: Array) -> Iterator[PrintedFigure]:
-    """Judge Table 2 by the offset that suits a row best, because the paper does not state it."""
     for when, (name, printed) in enumerate(_TABLE_2.items()):
-        by_offset = [row_probability(printed, rms[:, :, when]) for rms in norms]
         yield _judge_row(
             f"norm, {name}: {', '.join(METHODS)}",
             "Table 2",
             printed,
-            norms[JUDGED][:, :, when],
-            max((probability for probability in by_offset if probability is not None), default=None),
+            list(norms[..., when]),
+            JUDGED,
             "the offset is the one that suits the row best, and the noise was chosen by this table: the paper states "
             "neither",
         )

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TypeAlias
 
-from hiltest.measurement import Measurement, check
-from hiltest.measurement.estimates import Estimate
+from hiltest.measurement import Measurement
 from hiltest.report.svg import Figure
-from hiltest.run_record.run import Column, Run, Table
+from hiltest.run_record.run import Run, Table
 
 Numbers: TypeAlias = Sequence[float | int]
 
@@ -107,20 +106,6 @@ class Study:
     """Function that returns the plot of a finished record, from its table."""
     most_points: int = 100_000
     """Largest number of points of a plan."""
-
-
-ENDS = ("at least", "at most")
-"""Ends of a column's 95 % interval, which are the next two columns."""
-
-
-def quantile_columns(name: str, unit: str = "") -> tuple[Column, ...]:
-    """Return the columns of an `Estimate`: its value, and the ends of its interval."""
-    return Column(name, unit), *(Column(f"{name}, {end}", unit) for end in ENDS)
-
-
-def quantile_measurement(name: str, estimate: Estimate, unit: str) -> Measurement:
-    """Return a measurement whose note is the interval."""
-    return check(name, estimate.value, unit=unit, note=f"95 % confidence interval {estimate.interval}")
 
 
 def study_of(name: str) -> Study:

@@ -9,7 +9,8 @@ from hiltest import __version__
 from hiltest.measurement.estimates import Estimate
 from hiltest.report.page import render
 from hiltest.run_record.run import Cell, Run, Table, Verdict
-from hiltest.studies.study import ENDS, PrintedFigure, Study
+from hiltest.studies.quantiles import ENDS
+from hiltest.studies.study import PrintedFigure, Study
 from hiltest.text import format_number
 
 PAGE_FILE = "study.html"
