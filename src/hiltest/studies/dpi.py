@@ -21,7 +21,7 @@ from hiltest.orientation.angles import wrap_180
 from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
-from hiltest.run_record.run import Cell, Column, Run, Table
+from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
@@ -181,21 +181,18 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in blocks]) for blocks in by_condition
     )
     labels = ["", *(f", screw at {mm:g} mm" if mm < _NO_SCREW_MM else ", no screw" for mm in SCREW_MM)]
-    rows: list[tuple[Cell, ...]] = []
-    for label, numbers in zip(labels, (instances, *with_screw), strict=True):
-        for k, method in enumerate(METHODS):
-            errors = numbers[:, len(ANGLES) * k : len(ANGLES) * (k + 1)]
-            cells = [astuple(quantile(column, share)) for column in errors.T for share in (0.5, 0.95)]
-            rows.append((f"{method}{label}", *(cell for estimate in cells for cell in estimate)))
+    estimates = {
+        f"{method}{label}": [
+            quantile(numbers[:, len(ANGLES) * k + j], share) for j in range(3) for share in (0.5, 0.95)
+        ]
+        for label, numbers in zip(labels, (instances, *with_screw), strict=True)
+        for k, method in enumerate(METHODS)
+    }
+    rows = tuple((name, *(cell for estimate in of for cell in astuple(estimate))) for name, of in estimates.items())
     columns = (
         Column("calibration"),
         *(column for angle in ANGLES for of in ("", ", p95") for column in quantile_columns(f"{angle}{of}", "deg")),
     )
-    medians = {
-        (method, angle): quantile(instances[:, len(ANGLES) * k + j], 0.5)
-        for k, method in enumerate(METHODS)
-        for j, angle in enumerate(ANGLES)
-    }
     ratios = {
         method: [numbers[:, len(ANGLES) * k] / with_screw[0][:, len(ANGLES) * k] for numbers in with_screw[1:]]
         for k, method in enumerate(METHODS)
@@ -203,20 +200,21 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     }
     nearest = {method: quantile(by_distance[-1], 0.5) for method, by_distance in ratios.items()}
     sentence = (
-        f"The largest heading error is {medians['uncalibrated', 'heading']} deg uncalibrated, "
-        f"{medians['ellipsoids', 'heading']} by ellipsoid fits and {medians['dpi', 'heading']} by dpi, in the median "
+        f"The largest heading error is {estimates['uncalibrated'][0]} deg uncalibrated, "
+        f"{estimates['ellipsoids'][0]} by ellipsoid fits and {estimates['dpi'][0]} by dpi, in the median "
         f"of {len(instances)} instances, with the 95 % confidence interval; a steel screw at {SCREW_MM[-1]:g} mm "
         f"multiplies it by {nearest['ellipsoids']} with ellipsoid fits and by {nearest['dpi']} with dpi."
     )
     measurements = [
         quantile_measurement(f"study.dpi.{method}.{angle}", median, "deg")
-        for (method, angle), median in medians.items()
+        for method in METHODS
+        for angle, median in zip(ANGLES, estimates[method][::2], strict=True)
     ]
     measurements += [
         quantile_measurement(f"study.dpi.{method}.screw", estimate, "") for method, estimate in nearest.items()
     ]
     printed = (_remaining_rotation(instances), *_screw_figures(ratios, with_screw[-1]))
-    return Conclusion(sentence, tuple(measurements), Table("study.dpi", columns, tuple(rows)), printed)
+    return Conclusion(sentence, tuple(measurements), Table("study.dpi", columns, rows), printed)
 
 
 def _screw_figures(ratios: dict[str, list[Array]], numbers: Array) -> tuple[PrintedFigure, ...]:

@@ -185,9 +185,7 @@ def _range(states: Sequence[str]) -> str:
 def _printed_figures(medians: Sequence[Estimate], states: Sequence[str]) -> tuple[PrintedFigure, ...]:
     parts = (f"{error} deg at {ratio:g}" for ratio, error in zip(RATIOS, medians, strict=True))
     measured = f"{ABOUT_ZERO} in the median {', '.join(parts)} times the field"
-    suffices = None if UNDECIDED in states else True
-    if UNSTABLE in states:
-        suffices = False
+    suffices = False if UNSTABLE in states else None if UNDECIDED in states else True
     return (
         PrintedFigure(
             "Two-Step in single precision as hard iron grows",
