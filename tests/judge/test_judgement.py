@@ -1,4 +1,4 @@
-"""Numbers of `hiltest judge`: quantiles with intervals, comparisons, limits and exit codes."""
+"""Numbers of `hiltest judge`: intervals, comparisons, limits and exit codes."""
 
 from __future__ import annotations
 
@@ -6,22 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import norm
 
 from hiltest.errors import ConfigError
 from hiltest.judge.answers import Answer, Outcome, rate
 from hiltest.judge.judgement import (
     ALL,
-    Estimate,
     Judged,
     check_limits,
     compare,
     document,
     judge,
     limit_values,
-    quantile,
     root_mean_square,
 )
 from hiltest.judge.worlds import FAMILIES, RIG, World, draw_world
@@ -51,32 +46,11 @@ def large() -> Judged:
     return judge(Truth(0.2, cycles=900, refused=(3, 4)), "against")
 
 
-def test_the_interval_of_a_quantile_contains_the_true_one_in_95_of_100_samples() -> None:
-    random = np.random.default_rng(1)
-    for share in (0.5, 0.99):
-        estimates = [quantile(random.standard_normal(500).tolist(), share) for _ in range(1000)]
-        true = norm.ppf(share)
-        inside = [
-            estimate is not None and (estimate.low or -9.0) <= true <= (9.0 if estimate.high is None else estimate.high)
-            for estimate in estimates
-        ]
-        assert 0.93 < np.mean(inside) < 0.99  # order statistics are discrete, so that it is at least 0.95
-
-
 def test_the_interval_of_a_root_mean_square_contains_the_true_one_in_95_of_100_samples() -> None:
     random = np.random.default_rng(2)
     estimates = [root_mean_square(random.standard_normal(500).tolist()) for _ in range(1000)]
     inside = [estimate is not None and (estimate.low or 0.0) <= 1.0 <= (estimate.high or 9.0) for estimate in estimates]
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)  # three deviations of a share of 1000
-
-
-@given(st.lists(st.floats(0.0, 1e3), max_size=200), st.sampled_from([0.5, 0.99]))
-def test_an_interval_contains_its_value(values: list[float], share: float) -> None:
-    estimate = quantile(values, share)
-    assert (estimate is None) == (not values)
-    if estimate is not None:
-        assert estimate.low is None or estimate.low <= estimate.value + 1e-6
-        assert estimate.high is None or estimate.value <= estimate.high + 1e-6
 
 
 @pytest.mark.parametrize(
@@ -159,8 +133,3 @@ def test_more_cycles_than_the_other_are_a_regression_but_a_missed_limit_comes_fi
 def test_a_limit_of_no_value_is_refused_with_a_near_name(small: Judged) -> None:
     with pytest.raises(ConfigError, match=r"--limit bound\.p9: no such value.*bound\.p99"):
         list(check_limits(limit_values(small.result), {"bound.p9": 1.0}))
-
-
-def test_too_few_worlds_leave_the_upper_end_open() -> None:
-    assert quantile([float(k) for k in range(1, 101)], 0.99) == Estimate(99.0, 97.0, None)
-    assert quantile([float(k) for k in range(1, 101)], 0.5) == Estimate(50.0, 40.0, 61.0)

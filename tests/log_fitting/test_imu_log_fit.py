@@ -12,7 +12,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import Face
 from hiltest.log_fitting import AccelerationUnit, ImuLog, RateUnit, found_intervals, read_imu_log
-from hiltest.log_fitting.imu_fit import ImuLogFit, fit_imu_log
+from hiltest.log_fitting.imu_fit import ImuLogFit, fit_imu_log, imu_fit_document
 
 from .recording import (
     ACCELEROMETER,
@@ -290,6 +290,28 @@ def test_faces_that_a_hand_laid_askew_are_measured_and_spoil_no_offset() -> None
         Acceptance.FAIR,
         ["direction_error_deg"],
     )
+
+
+@pytest.mark.parametrize(("scale", "percent"), [(0.5, 0.5), (4.0, 2.0)])
+def test_cross_axis_elements_beyond_the_prior_are_estimated_and_stated(scale: float, percent: float) -> None:
+    """The recording's part has .51 % rms of them; four times these are 2 %, and half of them are within the prior."""
+    random = np.random.default_rng(4)
+    recording = Recording()
+    for face in FACES:
+        recording.lay(face + np.radians(0.3) * random.standard_normal(3) * (1.0 - np.abs(face))).rest()
+    part = ACCELEROMETER.response
+    off = part - np.diag(np.diag(part))
+    fit = fitted(recording, replace(ACCELEROMETER, response=part + (scale - 1.0) * off))
+    # Six elements, of which a hand of .3 degrees moves each by .37 %.
+    assert fit.accelerometer.cross_axis_percent == pytest.approx(percent, rel=0.25)
+    document = imu_fit_document(fit).accelerometer
+    assert document["cross_axis_percent"] == fit.accelerometer.cross_axis_percent
+    # At most sqrt(2) times the deviation of an element by the faces, sigma / sqrt(2), and by the prior.
+    askew_deg, error_deg = fit.accelerometer.faces_askew_deg, fit.accelerometer.direction_error_deg
+    assert askew_deg is not None
+    assert error_deg is not None
+    assert error_deg < askew_deg
+    assert (error_deg > 0.9 * askew_deg) == (scale > 1.0)
 
 
 def test_an_ellipsoid_from_six_faces_says_what_it_needs() -> None:

@@ -10,17 +10,19 @@ import pytest
 from tests.command_files import run
 
 from hiltest.calibration.fit import FitStatus
+from hiltest.measurement.estimates import Estimate
 from hiltest.rig.bench_files import shipped
 from hiltest.run_record.reader import read_record
 from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.choose import RECOMMENDED, RUNNER_UP, TOO_DEAR, Candidate, choose_calibrator, conclude, measure
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Conditions, Plan
+from hiltest.text import hundredths
 
 GIVEN = Conditions(field_ut=30.0, noise_ut=1.0, coverage_percent=80.0)
 PLAN = Plan("choose", 3, 40, 50, GIVEN)
 LARGEST_DEG = 16.0
-BEST = Candidate("best", 0.5, 1.0, 0.9, 1.2, 100.0, 2000, 2500)
+BEST = Candidate("best", Estimate(0.5, 0.4, 0.6), Estimate(1.0, 0.9, 1.2), 9.0, 100.0, 2000, 2500)
 
 
 def test_errors_and_cycles_are_those_of_the_board_under_these_conditions() -> None:
@@ -37,11 +39,13 @@ def test_errors_and_cycles_are_those_of_the_board_under_these_conditions() -> No
 @pytest.mark.parametrize(
     ("other", "selected"),
     [
-        (replace(BEST, name="dearer", high_deg=1.0001, cycles=2001), "best"),
-        (replace(BEST, name="cheaper", high_deg=1.2, cycles=1999), "cheaper"),
-        (replace(BEST, name="worse", high_deg=1.21, cycles=1), "best"),
-        (replace(BEST, name="better", high_deg=0.7, at_most_deg=0.99, cycles=9999), "better"),
-        (replace(BEST, name="no better", high_deg=0.7, at_most_deg=1.0, cycles=9999), "best"),
+        (replace(BEST, name="dearer", high=Estimate(1.0001, 0.9, 1.2), cycles=2001), "best"),
+        (replace(BEST, name="cheaper", high=Estimate(1.2, 0.9, 1.3), cycles=1999), "cheaper"),
+        (replace(BEST, name="worse", high=Estimate(1.21, 0.9, 1.3), cycles=1), "best"),
+        (replace(BEST, name="better", high=Estimate(0.7, 0.6, 0.99), cycles=9999), "better"),
+        (replace(BEST, name="no better", high=Estimate(0.7, 0.6, 1.0), cycles=9999), "best"),
+        # Instances that are too few for an upper end: the largest error replaces it.
+        (replace(BEST, name="open", high=Estimate(0.7, 0.6, None), worst_deg=1.0, cycles=9999), "best"),
     ],
 )
 def test_the_cheapest_is_taken_of_those_that_the_instances_cannot_tell_apart(other: Candidate, selected: str) -> None:
@@ -74,13 +78,15 @@ def test_the_budget_holds_for_every_instance(affordable: int | None) -> None:
     assert [name for name, mark in marks.items() if mark == RECOMMENDED] == list(names[:within][-1:])
     assert [name for name, mark in marks.items() if mark == RUNNER_UP] == list(names[:within][-2:-1])
     if within:
-        error = f"{LARGEST_DEG / 2.0 ** (within - 1):.2f}"
-        assert f"use {names[within - 1]} ({error} deg in the median" in result.sentence
-        assert f"{within} 000 cycles, at most {within} 500)" in result.sentence
+        # The 20th, 14th and 27th of 40.
+        ends = (LARGEST_DEG * (0.9 + 0.2 * k / 39) / 2.0 ** (within - 1) for k in (19, 13, 26))
+        median, low, high = map(hundredths, ends)
+        assert f"use {names[within - 1]}, {median} ({low} to {high}) deg in the median" in result.sentence
+        assert f"{within} 000 cycles, at most {within} 500" in result.sentence
     else:
-        assert f"cycles: no calibrator; the cheapest is {names[0]} ({LARGEST_DEG:.2f} deg" in result.sentence
+        assert f"cycles: no calibrator; the cheapest is {names[0]}, 15.96 (15.47 to 16.53) deg" in result.sentence
     # What errs less and is not within the budget is named, and of that the best.
-    more = f"with more cycles {names[-1]} (" in result.sentence
+    more = f"with more cycles {names[-1]}, " in result.sentence
     assert more == (0 < within < len(names))
 
 

@@ -40,7 +40,9 @@ def concluded(**errors_deg: float) -> Conclusion:
 
 def test_the_calibrator_that_errs_least_is_named_with_its_median() -> None:
     sentence = concluded(taubin=0.5, geometric=0.7).sentence
-    assert "taubin has the smallest error, 0.50 deg in the median of 40 instances; direct has 3.00" in sentence
+    # The 20th of 40, and the 14th and 27th around it.
+    assert "taubin has the smallest error, 0.50 (0.48 to 0.52) deg in the median of 40 instances" in sentence
+    assert "direct has 2.99 (2.90 to 3.10)" in sentence
 
 
 def test_each_calibrator_has_a_row_of_each_condition_with_intervals() -> None:
@@ -49,8 +51,8 @@ def test_each_calibrator_has_a_row_of_each_condition_with_intervals() -> None:
     row = table.rows[NAMES.index("direct") + len(NAMES) * JUDGED]
     assert row[:5] == ("direct", 2.5, 1000, 50.0, 0.5)
     median, low, high, p95, p95_low, p95_high, share = row[5:]
-    assert median == pytest.approx(1.0)
-    assert p95 == pytest.approx(1.09)
+    assert median == pytest.approx(0.9 + 0.2 * 19 / 39)
+    assert p95 == pytest.approx(0.9 + 0.2 * 37 / 39)
     assert share == 100.0
     # By the binomial distribution the 14th and the 27th of 40 enclose the median, and no 40 end the interval of p95.
     assert low == pytest.approx(0.9 + 0.2 * 13 / 39)
@@ -60,10 +62,11 @@ def test_each_calibrator_has_a_row_of_each_condition_with_intervals() -> None:
 
 
 def test_measurements_are_those_of_the_condition_that_is_judged() -> None:
-    values = {measurement.name: measurement.value for measurement in concluded(li=2.0).measurements}
-    assert values["study.estimators.li.median"] == pytest.approx(2.0)
-    assert values["study.estimators.li.p95"] == pytest.approx(2.18)
-    assert "study.estimators.sphere.median" not in values
+    measurements = {measurement.name: measurement for measurement in concluded(li=2.0).measurements}
+    assert measurements["study.estimators.li.median"].value == pytest.approx(2.0 * (0.9 + 0.2 * 19 / 39))
+    assert measurements["study.estimators.li.median"].note == "95 % confidence interval 1.93 to 2.07"
+    assert measurements["study.estimators.li.p95"].value == pytest.approx(2.0 * (0.9 + 0.2 * 37 / 39))
+    assert "study.estimators.sphere.median" not in measurements
 
 
 @pytest.mark.parametrize(

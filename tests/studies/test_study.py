@@ -20,6 +20,7 @@ from tests.command_files import json_schema, run
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import KINDS, identify
+from hiltest.measurement.estimates import Estimate
 from hiltest.run_record.reader import read_record
 from hiltest.studies import NAMES
 from hiltest.studies.ellipsoids import NOISE_UT, interval
@@ -208,6 +209,12 @@ class TestEveryStudy:
             assert f"{row[0]}: printed {row[2]}, measured" in output
             for text in (row[0], row[1]):
                 assert str(text) in page
+        table = record.run.table(f"study.{name}")
+        assert table is not None
+        for place, column in enumerate(table.columns):
+            if column.name.endswith(", at least"):
+                for value, low, high in (row[place - 1 : place + 2] for row in table.rows):
+                    assert value is None or str(Estimate(value, low, high)) in page  # type: ignore[arg-type]
         assert run("report", str(tmp_path)) == 0
 
 

@@ -28,7 +28,7 @@ FACE_COSINE = 0.94
 #: Range of a reading on a face: a part at another full scale is outside, an untrimmed one inside.
 FACE_NORMS_G = (0.6, 1.6)
 
-#: Misalignment of a part's own axes, rms of each cross-axis element: half a percent, as in data sheets.
+#: Prior of a part's cross-axis sensitivities, rms of each element: half a percent, as in data sheets.
 CROSS_AXIS = 0.005
 # Passes of the alternation below. The third pass fits faces misaligned by 1 degree to 1e-10 mg, by 20 degrees to 4e-4;
 # its step is below 0.1 mg if a solution exists.
@@ -99,13 +99,15 @@ class AccelerometerSolution:
         return math.degrees(1e-3 * self.residual_mg)
 
 
-def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
+def fit_six_position(poses: Sequence[StillPose], cross_axis: float = CROSS_AXIS) -> AccelerometerSolution:
     """Fit gain and offset to the six faces: norms determine both, the faces only the rotation of the axes.
 
     Parameters
     ----------
     poses
         Each face once; other poses are ignored.
+    cross_axis
+        Prior of the part's cross-axis sensitivities, rms of each element [1].
 
     Returns
     -------
@@ -118,7 +120,7 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
     Gravity has the length 1 g on a misaligned face too, so six norms determine three offsets and three scales. Half the
     difference of opposite faces across their axis is then the part's cross-axis error, and their mean is the
     misalignment, with standard deviation sigma, which three pairs measure twice each. The faces add a variance of
-    sigma^2 / 2 to both, so the part's error is weighted with c^2 / (c^2 + sigma^2 / 2), where c is `CROSS_AXIS`, and
+    sigma^2 / 2 to both, so the part's error is weighted with c^2 / (c^2 + sigma^2 / 2), where c is the prior, and
     removed from the readings before the norms are fitted again. Least squares on the vectors (Puc, Podobnik and Munih,
     eq. 11 to 15) would attribute a third of sigma to the offset. A cube that is misaligned as a whole turns all
     headings, because opposite faces agree.
@@ -135,7 +137,7 @@ def fit_six_position(poses: Sequence[StillPose]) -> AccelerometerSolution:
     if met is None:
         return _solution_without_fit(AccelerometerStatus.NOT_AN_ELLIPSOID)
     variance = _misalignment_rad((middle - met[0]) * met[1]) ** 2
-    shares = half / np.diag(half)[:, None] * CROSS_AXIS**2 / (CROSS_AXIS**2 + variance / 2.0)
+    shares = half / np.diag(half)[:, None] * cross_axis**2 / (cross_axis**2 + variance / 2.0)
     axes = np.where(np.eye(3, dtype=bool), 1.0, shares).T
     straight = np.linalg.inv(axes)
     met = _fit_norms(middle @ straight.T, half @ straight.T)
@@ -157,16 +159,35 @@ def norm_residual_mg(fit: AccelerometerFit, counts: ArrayLike) -> float:
     return 1000.0 * _rms(np.linalg.norm(gravity_g, axis=1) - 1.0)
 
 
-def axes_uncertainty_deg(faces_askew_deg: float) -> float:
+def cross_axis_of_faces(counts: ArrayLike, faces_askew_deg: float) -> float:
+    """Return the rms of a part's cross-axis elements by its readings on six faces, at least `CROSS_AXIS` [1].
+
+    Parameters
+    ----------
+    counts : shape (6, 3)
+        In the order of `FACES`.
+
+    Notes
+    -----
+    Half the difference of opposite faces across their axis has the variance ``c^2 + sigma^2 / 2``, see
+    `fit_six_position`; sigma is known from their means. This is the estimate of c by the moment of all six.
+    """
+    faces = np.asarray(counts, dtype=np.float64)
+    half = (faces[::2] - faces[1::2]) / 2.0
+    shares = (half / np.diag(half)[:, None])[~np.eye(3, dtype=bool)]
+    return math.sqrt(max(CROSS_AXIS**2, _rms(shares) ** 2 - math.radians(faces_askew_deg) ** 2 / 2.0))
+
+
+def axes_uncertainty_deg(faces_askew_deg: float, cross_axis: float = CROSS_AXIS) -> float:
     """Return the uncertainty of the axes from six misaligned faces: rms of each cross-axis element [deg].
 
     Notes
     -----
     It is the posterior standard deviation of the estimate of `fit_six_position`: c sigma / sqrt(2 c^2 + sigma^2). So it
-    never exceeds the part's own misalignment, 0.29 degree.
+    never exceeds the prior c, which is 0.29 degree by default.
     """
     sigma = math.radians(faces_askew_deg)
-    return math.degrees(CROSS_AXIS * sigma / math.hypot(math.sqrt(2.0) * CROSS_AXIS, sigma))
+    return math.degrees(cross_axis * sigma / math.hypot(math.sqrt(2.0) * cross_axis, sigma))
 
 
 def fit_ellipsoid(poses: Sequence[StillPose]) -> AccelerometerSolution:

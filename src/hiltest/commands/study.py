@@ -127,7 +127,7 @@ def study(
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
     from hiltest.studies.study import Plan, PrintedFigure, study_of
-    from hiltest.studies.study_page import PAGE_FILE, StudyDocument, printed_rows
+    from hiltest.studies.study_page import PAGE_FILE, StudyDocument, printed_rows, study_table
     from hiltest.studies.study_run import run_study
 
     chosen = study_of(name)
@@ -156,12 +156,12 @@ def study(
             raise
     rows = list(printed_rows(chosen, run))
     for figure, paper, printed, measured, reproduced, why in rows:
-        word = "reproduced" if reproduced == "yes" else "not reproduced"
+        word = {"yes": "reproduced", "no": "not reproduced"}.get(reproduced, "undecided")
         click.echo(f"{paper}: {figure}: printed {printed}, measured {measured}: {word}: {why}")
     click.echo(f"{folder}: run.json, {PAGE_FILE}")
     click.echo(run.verdict.sentence)
     figures = [
-        PrintedFigure(figure, paper, printed, measured, reproduced == "yes", why)
+        PrintedFigure(figure, paper, printed, measured, {"yes": True, "no": False}.get(reproduced), why)
         for figure, paper, printed, measured, reproduced, why in rows
     ]
-    return 0, StudyDocument(str(folder), figures, run.verdict)
+    return 0, StudyDocument(str(folder), figures, study_table(chosen, run), run.verdict)

@@ -10,8 +10,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.judge.filter_scores import PhaseScore
+<<<<<<< HEAD
 from hiltest.judge.judgement import ALL, EntryResult, Estimate, JudgeDocument, ranks_with
 from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, RIG, WORLDS
+=======
+from hiltest.judge.judgement import ALL, EntryResult, JudgeDocument, ranks_with
+from hiltest.judge.worlds import FAMILIES, RIG, WORLDS
+from hiltest.measurement.estimates import Estimate
+>>>>>>> t41-study
 from hiltest.report.marks import KeyEntry, series
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
@@ -143,10 +149,7 @@ def _measured(value: float | None) -> str:
 
 
 def _interval(estimate: Estimate | None) -> str:
-    if estimate is None:
-        return ""
-    low, high = ("?" if end is None else f"{end:.2f}" for end in (estimate.low, estimate.high))
-    return f"{low} to {high}"
+    return "" if estimate is None else estimate.interval
 
 
 def page(judged: JudgeDocument) -> str:

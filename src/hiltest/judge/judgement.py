@@ -7,32 +7,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, median, stdev
 
-from scipy.stats import binom
-
 from hiltest import __version__
 from hiltest.errors import ConfigError, nearest_hint
 from hiltest.judge.answers import Answer, Entry, Outcome, Rating, rate
 from hiltest.judge.filter_scores import FilterResult
 from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, HALF_SPHERE, RIG, World, draw_worlds
+from hiltest.measurement.estimates import Estimate, quantile
 from hiltest.text import format_count
 
 ALL = "all"
 """Name of the row over all families."""
-_CONFIDENCE = 0.95
 _P99 = 0.99
 _BESIDE = "direct"  # the calibrator of ours whose errors the sentence names
 _NORMAL = 1.96  # standard deviations on each side that 95 % are within
 _DIGITS = 6  # degrees and ratios are the same on every host to this many
-
-
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A number over worlds, with the interval that contains the true one at 95 % confidence."""
-
-    value: float
-    low: float | None
-    high: float | None
-    """None if the worlds are too few for an end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,9 +172,9 @@ def _family_result(name: str, ratings: Sequence[Rating]) -> FamilyResult:
         len(refused),
         sum(rating.outcome is Outcome.NO_ELLIPSOID for rating in ratings),
         root_mean_square(over_bound),
-        quantile(over_bound, 0.5),
-        quantile(over_bound, _P99),
-        quantile([rating.worst_deg for rating in accepted if rating.worst_deg is not None], 0.5),
+        _quantile(over_bound, 0.5),
+        _quantile(over_bound, _P99),
+        _quantile([rating.worst_deg for rating in accepted if rating.worst_deg is not None], 0.5),
         round(median(would_be), _DIGITS) if would_be else None,
     )
 
@@ -215,27 +203,13 @@ def root_mean_square(values: Sequence[float]) -> Estimate | None:
     squares = [value * value for value in values]
     rms = math.sqrt(fmean(squares))
     if len(squares) < 2 or rms == 0.0:  # a deviation needs two
-        return Estimate(round(rms, _DIGITS), None, None)
+        return Estimate(rms, None, None).rounded(_DIGITS)
     half = _NORMAL * stdev(squares) / math.sqrt(len(squares)) / (2.0 * rms)
-    return Estimate(*(round(end, _DIGITS) for end in (rms, max(rms - half, 0.0), rms + half)))
+    return Estimate(rms, max(rms - half, 0.0), rms + half).rounded(_DIGITS)
 
 
-def quantile(values: Sequence[float], share: float) -> Estimate | None:
-    """Return a quantile with its interval from order statistics; None without values.
-
-    The number of values below the true quantile has a binomial distribution, whatever that of the values is (David and
-    Nagaraja, Order Statistics, 2003, section 7.1).
-    """
-    if not values:
-        return None
-    ordered = sorted(values)
-    count = len(ordered)
-    low, high = (int(binom.ppf(tail, count, share)) for tail in ((1 - _CONFIDENCE) / 2, (1 + _CONFIDENCE) / 2))
-    return Estimate(
-        round(ordered[max(math.ceil(share * count), 1) - 1], _DIGITS),
-        round(ordered[low - 1], _DIGITS) if low >= 1 else None,
-        round(ordered[high], _DIGITS) if high < count else None,
-    )
+def _quantile(values: Sequence[float], share: float) -> Estimate | None:
+    return quantile(values, share).rounded(_DIGITS) if values else None
 
 
 def compare(judged: Judged, against: Judged) -> Comparison:
@@ -247,7 +221,7 @@ def compare(judged: Judged, against: Judged) -> Comparison:
         and mine.rms_deg
         and other.rms_deg
     ]
-    logs = quantile(both, 0.5)
+    logs = _quantile(both, 0.5)
     error = None
     if logs is not None:
         low, high = (None if end is None else math.exp(end) for end in (logs.low, logs.high))

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from hiltest.calibration.accelerometer import (
     COUNTS_PER_G,
+    CROSS_AXIS,
     AccelerometerFit,
     AccelerometerSolution,
     AccelerometerStatus,
     axes_uncertainty_deg,
+    cross_axis_of_faces,
     fit_ellipsoid,
     fit_six_position,
 )
@@ -171,6 +173,8 @@ class AccelerometerResult:
     """rms residual over the fit's own poses."""
     faces_askew_deg: float | None = None
     """rms misalignment about each axis; only for six faces, otherwise None."""
+    cross_axis_percent: float | None = None
+    """Assumed rms of the part's cross-axis elements, only for six faces: `CROSS_AXIS`, or more if the faces show it."""
     direction_error_deg: float | None = None
     """Predicted error of gravity's direction, rms over the sphere, without a rotation, which norms cannot show."""
     left_out: int = 0
@@ -212,17 +216,23 @@ def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> Accelerom
     if method == ELLIPSOID and face_set == FACES and Face.NONE not in faces:
         return _refused_result(method, len(rests), face_set, _ONLY_FACES, before)
     counts = [rest.end - rest.start for rest in rests]
-    solution = (
-        fit_six_position(_mean_poses(nominal, faces, counts))
-        if method == SIX_POSITION
-        else fit_ellipsoid([_pose(mean, Face.NONE) for mean in nominal])
-    )
+    cross_axis = CROSS_AXIS
+    if method == SIX_POSITION:
+        poses = _mean_poses(nominal, faces, counts)
+        solution = fit_six_position(poses)
+        if solution.status is AccelerometerStatus.OK:
+            cross_axis = cross_axis_of_faces([pose.accelerometer for pose in poses], solution.faces_askew_deg)
+            solution = fit_six_position(poses, cross_axis)
+    else:
+        solution = fit_ellipsoid([_pose(mean, Face.NONE) for mean in nominal])
     if solution.status is not AccelerometerStatus.OK:
         return _refused_result(method, len(rests), face_set, _refusal(solution), before)
     fit = AccelerometerFit(solution.fit.gain * COUNTS_PER_G / per_g, solution.fit.offset * per_g / COUNTS_PER_G + zero)
     askew_deg = solution.faces_askew_deg if method == SIX_POSITION else None
     # Two elements of an axis define its rotation.
-    error_deg = math.sqrt(2.0) * axes_uncertainty_deg(askew_deg) if askew_deg is not None else _error_deg(means, fit)
+    error_deg = (
+        _error_deg(means, fit) if askew_deg is None else math.sqrt(2.0) * axes_uncertainty_deg(askew_deg, cross_axis)
+    )
     return _rate_result(
         AccelerometerResult(
             method,
@@ -236,6 +246,7 @@ def _fit_rests(log: ImuLog, rests: Sequence[Interval], method: str) -> Accelerom
             _spread_percent(np.linalg.norm(fit.gravity_g(means), axis=1)),
             solution.residual_mg,
             askew_deg,
+            None if askew_deg is None else 100.0 * cross_axis,
             error_deg,
         ),
         means,
@@ -270,6 +281,7 @@ def _fit_moving(log: ImuLog, rests: int) -> AccelerometerResult:
             _spread_percent(np.linalg.norm(used - zero, axis=1)),
             _spread_percent(norms),
             residual_mg,
+            None,
             None,
             _error_deg(used, fit, unbiased=corrected.iterations > 0),
             int(left_out.sum()),

@@ -189,9 +189,14 @@ def _print_accelerometer(result: AccelerometerResult, unit: str, console: Consol
         (f"offset [{unit}]", _triple(result.fit.offset)),
         ("spread of norms, before [%]", f"{result.spread_before_percent:.3f}"),
         ("spread of norms, after [%]", f"{result.spread_after_percent:.4f}"),
-        ("residual [mg]", f"{result.residual_mg:.3f}")
-        if result.faces_askew_deg is None
-        else ("faces askew, rms [deg]", f"{result.faces_askew_deg:.2f}"),
+        *(
+            [("residual [mg]", f"{result.residual_mg:.3f}")]
+            if result.faces_askew_deg is None
+            else [
+                ("faces askew, rms [deg]", f"{result.faces_askew_deg:.2f}"),
+                ("cross-axis elements, assumed rms [%]", f"{result.cross_axis_percent:.2f}"),
+            ]
+        ),
         (
             "error of gravity's direction [deg]",
             "-" if result.direction_error_deg is None else f"{result.direction_error_deg:.2f}",
@@ -267,6 +272,7 @@ def imu_fit_document(fit: ImuLogFit) -> ImuFitDocument:
             "spread_after_percent": accelerometer.spread_after_percent,
             "residual_mg": accelerometer.residual_mg,
             "faces_askew_deg": accelerometer.faces_askew_deg,
+            "cross_axis_percent": accelerometer.cross_axis_percent,
             "direction_error_deg": accelerometer.direction_error_deg,
             "left_out": accelerometer.left_out,
             "verdict": accelerometer.verdict,

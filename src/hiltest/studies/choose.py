@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.measurement import Measurement, check
+from hiltest.measurement.estimates import Estimate, quantile
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
-from hiltest.studies.estimators import quantile_and_interval
 from hiltest.studies.instances import Model, counted_fit, draw_instances
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
-from hiltest.text import format_number, hundredths
+from hiltest.text import format_number
 
 _HIGH = 0.95
 _NUMBERS = 3
@@ -28,12 +29,12 @@ class Candidate:
     """A calibrator of the board under the plan's conditions."""
 
     name: str
-    median_deg: float
+    median: Estimate
     """Median over instances of the direction's rms error [deg]."""
-    high_deg: float
-    at_least_deg: float
-    at_most_deg: float
-    """95th percentile of that error, and the ends of its confidence interval [deg]."""
+    high: Estimate
+    """95th percentile of that error [deg]."""
+    worst_deg: float
+    """Largest error; it replaces the upper end of an interval that the instances are too few for [deg]."""
     ellipsoids_percent: float
     """Instances with an ellipsoid as the result [%]; the others have a sphere."""
     cycles: int
@@ -44,8 +45,8 @@ class Candidate:
         """Return name, errors and cycles."""
         at_most = f", at most {format_number(self.most_cycles)}" if self.most_cycles > self.cycles else ""
         return (
-            f"{self.name} ({hundredths(self.median_deg)} deg in the median, {hundredths(self.high_deg)} or less in "
-            f"{100 * _HIGH:g} %, {format_number(self.cycles)} cycles{at_most})"
+            f"{self.name}, {self.median} deg in the median, {self.high} in {100 * _HIGH:g} %, "
+            f"{format_number(self.cycles)} cycles{at_most}"
         )
 
 
@@ -86,10 +87,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             marks[choice.name] = mark
     columns = (
         Column("calibrator"),
-        Column("median", "deg"),
-        Column("p95", "deg"),
-        Column("p95, at least", "deg"),
-        Column("p95, at most", "deg"),
+        *quantile_columns("median", "deg"),
+        *quantile_columns("p95", "deg"),
         Column("ellipsoids", "%"),
         Column("cycles", "cycle"),
         Column("cycles, at most", "cycle"),
@@ -98,10 +97,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     rows = tuple(
         (
             candidate.name,
-            candidate.median_deg,
-            candidate.high_deg,
-            candidate.at_least_deg,
-            candidate.at_most_deg,
+            *astuple(candidate.median),
+            *astuple(candidate.high),
             candidate.ellipsoids_percent,
             candidate.cycles,
             candidate.most_cycles,
@@ -116,16 +113,11 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
 
 def _candidate(name: str, numbers: Array) -> Candidate:
     errors_deg, ellipsoids, cycles = numbers.T
-    high, low_end, high_end = quantile_and_interval(errors_deg, _HIGH)
-    # With too few instances an end is unknown, and the extreme of all instances replaces it.
-    at_least = float(errors_deg.min()) if low_end is None else low_end
-    at_most = float(errors_deg.max()) if high_end is None else high_end
     return Candidate(
         name,
-        float(np.median(errors_deg)),
-        high,
-        at_least,
-        at_most,
+        quantile(errors_deg, 0.5),
+        quantile(errors_deg, _HIGH),
+        float(errors_deg.max()),
         100.0 * float(ellipsoids.mean()),
         int(np.quantile(cycles, 0.5, method="lower")),
         int(cycles.max()),
@@ -141,9 +133,10 @@ def choose_calibrator(candidates: Sequence[Candidate]) -> Candidate | None:
     """
     if not candidates:
         return None
-    best = min(candidates, key=lambda candidate: candidate.high_deg)
+    best = min(candidates, key=lambda candidate: candidate.high.value)
+    at_most_deg = best.worst_deg if best.high.high is None else best.high.high
     return min(
-        (candidate for candidate in candidates if candidate.high_deg <= best.at_most_deg),
+        (candidate for candidate in candidates if candidate.high.value <= at_most_deg),
         key=lambda candidate: candidate.cycles,
     )
 
@@ -159,7 +152,7 @@ def _conditions(plan: Plan, conditions: Conditions) -> str:
 def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence[Candidate]) -> str:
     if best is None:
         return f"no calibrator; the cheapest is {min(too_dear, key=lambda candidate: candidate.most_cycles)}"
-    more = choose_calibrator([candidate for candidate in too_dear if candidate.high_deg < best.at_least_deg])
+    more = choose_calibrator([candidate for candidate in too_dear if candidate.high.value < (best.high.low or 0.0)])
     return f"use {best}; {f'next is {second}' if second else 'no other one is within the budget'}" + (
         f"; with more cycles {more}" if more else ""
     )
@@ -170,7 +163,7 @@ def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Mea
         measurement
         for candidate in candidates
         for measurement in (
-            check(f"study.choose.{candidate.name}.p95", candidate.high_deg, unit="deg"),
+            quantile_measurement(f"study.choose.{candidate.name}.p95", candidate.high, "deg"),
             check(
                 f"study.choose.{candidate.name}.cycles", candidate.most_cycles, unit="cycle", cycle_model=cycle_model
             ),
@@ -181,7 +174,7 @@ def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Mea
 def draw(run: Run, table: Table) -> Figure:
     """Draw error against cycles, each calibrator's median and 95th percentile."""
     entries = [
-        (str(row[0]), float(row[6] or 0.0), float(row[1] or 0.0), float(row[2] or 0.0), str(row[8]))
+        (str(row[0]), float(row[8] or 0.0), float(row[1] or 0.0), float(row[4] or 0.0), str(row[10]))
         for row in table.rows
     ]
     cycles = [entry[1] for entry in entries]

@@ -103,7 +103,7 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
         for noise_ut, printed_value, measured_value in zip(NOISE_UT, printed_values, measured_values, strict=True)
     )
     agree = {
-        quantity: sum(figure.reproduced for figure in printed if figure.figure.startswith(quantity))
+        quantity: sum(figure.reproduced is True for figure in printed if figure.figure.startswith(quantity))
         for quantity in _WHY
     }
     sentence = (

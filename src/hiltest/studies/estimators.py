@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
-from scipy.stats import quantile_test
 
 from hiltest.calibration import BATCHES, FASTER, REFERENCES
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.calibration.sphere import fit_sphere
-from hiltest.measurement import Measurement, check
+from hiltest.measurement import Measurement
+from hiltest.measurement.estimates import Estimate, quantile
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.instances import Instances, Model, counted_fit, draw_instances
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
@@ -25,7 +26,6 @@ NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FAST
 # A selection of lines that a reader can distinguish.
 _DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
 _MEDIAN, _HIGH = 0.5, 0.95
-_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +101,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
                     condition.points,
                     100.0 * condition.occluded,
                     condition.stretch,
-                    *quantile_and_interval(numbers[:, index, 0], _MEDIAN),
-                    *quantile_and_interval(numbers[:, index, 0], _HIGH),
+                    *astuple(quantile(numbers[:, index, 0], _MEDIAN)),
+                    *astuple(quantile(numbers[:, index, 0], _HIGH)),
                     100.0 * float(numbers[:, index, 1].mean()),
                 )
             )
@@ -112,45 +112,34 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("points"),
         Column("left out, up to", "%"),
         Column("stretch"),
-        Column("median", "deg"),
-        Column("median, at least", "deg"),
-        Column("median, at most", "deg"),
-        Column("p95", "deg"),
-        Column("p95, at least", "deg"),
-        Column("p95, at most", "deg"),
+        *quantile_columns("median", "deg"),
+        *quantile_columns("p95", "deg"),
         Column("ellipsoids", "%"),
     )
-    medians = dict(zip(NAMES, np.median(numbers_by_condition[JUDGED][:, :, 0], axis=0).tolist(), strict=True))
-    best = min(medians, key=medians.__getitem__)
+    errors = numbers_by_condition[JUDGED][:, :, 0]
+    medians = {name: quantile(errors[:, index], _MEDIAN) for index, name in enumerate(NAMES)}
+    best = min(medians, key=lambda name: medians[name].value)
     judged = CONDITIONS[JUDGED]
     sentence = (
         f"With {judged.noise_ut:g} uT of noise and {judged.points} points, {best} has the smallest error, "
-        f"{medians[best]:.2f} deg in the median of {plan.instances} instances; direct has {medians['direct']:.2f}, "
-        f"corrected {medians['corrected']:.2f}."
+        f"{medians[best]} deg in the median of {plan.instances} instances, with the 95 % confidence interval; direct "
+        f"has {medians['direct']}, corrected {medians['corrected']}."
     )
     table = Table("study.estimators", columns, tuple(rows))
     measurements = tuple(_measurements(numbers_by_condition[JUDGED]))
     return Conclusion(sentence, measurements, table, tuple(_printed_figures(medians)))
 
 
-def quantile_and_interval(errors: Array, share: float) -> tuple[float, float | None, float | None]:
-    """Return a quantile and its confidence interval; an end is None if there are too few errors to determine it."""
-    interval = quantile_test(errors, p=share).confidence_interval(_CONFIDENCE)
-    ends = (float(interval.low), float(interval.high))
-    low, high = (end if np.isfinite(end) else None for end in ends)
-    return float(np.quantile(errors, share)), low, high
-
-
 def _measurements(judged: Array) -> list[Measurement]:
     return [
-        check(f"study.estimators.{name}.{quantile}", float(np.quantile(judged[:, index, 0], share)), unit="deg")
+        quantile_measurement(f"study.estimators.{name}.{text}", quantile(judged[:, index, 0], share), "deg")
         for index, name in enumerate(NAMES)
         if name not in (UNCALIBRATED, SPHERE)
-        for quantile, share in (("median", _MEDIAN), ("p95", _HIGH))
+        for text, share in (("median", _MEDIAN), ("p95", _HIGH))
     ]
 
 
-def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
+def _printed_figures(medians: dict[str, Estimate]) -> list[PrintedFigure]:
     direct, geometric = medians["direct"], medians["geometric"]
     others = {name: medians[name] for name in ("iterative", "li", "taubin")}
     return [
@@ -158,8 +147,8 @@ def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
             "the algebraic distance is statistically better than the Euclidean",
             "Mucciaccia, 2.1.3",
             "better",
-            f"direct {direct:.2f} deg, least squares of the Euclidean distance {geometric:.2f} deg",
-            direct < geometric,
+            f"direct {direct} deg, least squares of the Euclidean distance {geometric} deg",
+            direct.value < geometric.value,
             "noise that is added after the distortion is equal on all axes, so least squares of the Euclidean distance "
             "is the maximum likelihood estimate; the statement would hold for noise before the distortion",
         ),
@@ -167,8 +156,8 @@ def _printed_figures(medians: dict[str, float]) -> list[PrintedFigure]:
             "any algorithm on the algebraic distance has the same result",
             "Mucciaccia, 3.3.1 and 4.2.2",
             "the same",
-            f"direct {direct:.2f} deg, " + ", ".join(f"{name} {error:.2f}" for name, error in others.items()),
-            all(abs(error - direct) < 0.01 * direct for error in others.values()),
+            f"direct {direct} deg, " + ", ".join(f"{name} {error}" for name, error in others.items()),
+            all(abs(error.value - direct.value) < 0.01 * direct.value for error in others.values()),
             "only with the same normalisation: direct fixes the trace, iterative the norm of the coefficients, li "
             "4 J - I^2 and taubin the mean square of the gradient, and each has another minimum",
         ),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +14,14 @@ from hiltest.calibration.clouds import constant_part, constant_trace, solution_f
 from hiltest.calibration.conditioning import quadric_rows
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit, squared_lengths
 from hiltest.calibration.quality import direction_difference_rms_deg
-from hiltest.measurement import check
+from hiltest.measurement.estimates import Estimate, quantile
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, counted_fit, draw_instances
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
-from hiltest.text import hundredths
 
 #: Ratios of hard iron to the field; at larger ratios a sensor with a range of 1000 uT saturates.
 RATIOS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)
@@ -33,6 +35,7 @@ _HIGH = 0.95
 _STABLE = 0.46
 _UNIT_COUNTS = 512.0  # near the field's norm; scaling by a power of two causes no rounding
 _NUMBERS = 4
+STABLE, UNSTABLE, UNDECIDED = "stable", "unstable", "undecided"
 
 
 def names() -> tuple[str, ...]:
@@ -110,53 +113,86 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         np.concatenate([np.reshape(block, (-1, len(names()), _NUMBERS)) for block in blocks]) for blocks in by_condition
     ]
     rows: list[tuple[Cell, ...]] = []
+    states: dict[str, list[str]] = {}
+    apart: dict[str, list[Estimate]] = {}
+    medians: list[Estimate] = []
     for ratio, numbers in zip(RATIOS, by_ratio, strict=True):
         for index, name in enumerate(names()):
-            single, double, apart, differs = numbers[:, index].T
-            quantiles = [float(np.quantile(errors, share)) for share in (0.5, _HIGH) for errors in (single, double)]
-            added = float(np.quantile(apart[differs == 0], _HIGH))
-            stable = added <= _STABLE * quantiles[-1]
-            rows.append((name, ratio, *quantiles, added, 100.0 * float(differs.mean()), stable))
+            single, double, angles, differs = numbers[:, index].T
+            quantiles = [quantile(errors, share) for share in (0.5, _HIGH) for errors in (single, double)]
+            alike = angles[differs == 0]
+            added = quantile(alike if len(alike) else angles, _HIGH)
+            apart.setdefault(name, []).append(added)
+            states.setdefault(name, []).append(stability(added, quantiles[-1]))
+            if name == ABOUT_ZERO:
+                medians.append(quantiles[0])
+            cells = [cell for estimate in (*quantiles, added) for cell in astuple(estimate)]
+            rows.append((name, ratio, *cells, 100.0 * float(differs.mean()), states[name][-1]))
     columns = (
         Column("calibrator"),
         Column("hard iron / field"),
-        Column("float32 median", "deg"),
-        Column("float64 median", "deg"),
-        Column("float32 p95", "deg"),
-        Column("float64 p95", "deg"),
-        Column("apart p95", "deg"),
+        *(
+            column
+            for share in ("median", "p95")
+            for precision in ("float32", "float64")
+            for column in quantile_columns(f"{precision} {share}", "deg")
+        ),
+        *quantile_columns("apart p95", "deg"),
         Column("other status", "%"),
-        Column("stable"),
+        Column("float32 is"),
     )
     board = names()[:-1]
-    stability = {name: [bool(row[-1]) for row in rows if row[0] == name] for name in names()}
-    worst = max(float(row[6] or 0.0) for row in rows if row[0] in board)
-    until = next((ratio for ratio, is_stable in zip(RATIOS, stability[ABOUT_ZERO], strict=True) if not is_stable), None)
+    stable = sum(set(states[name]) == {STABLE} for name in board)
+    unstable = [name for name in board if UNSTABLE in states[name]]
+    undecided = len(board) - stable - len(unstable)
+    worst = max((estimate for name in board for estimate in apart[name]), key=lambda estimate: estimate.value)
     sentence = (
-        f"{sum(all(stability[name]) for name in board)} of the board's {len(board)} calibrators are stable in float32 "
-        f"up to {RATIOS[-1]:g} times the field, at most {hundredths(worst)} deg from float64 in {100 * _HIGH:g} % of "
-        f"{plan.instances} instances; with sums about the sensor's zero, direct is "
-        + ("stable, too." if until is None else f"unstable from {until:g} times the field on.")
+        f"{stable} of the board's {len(board)} calibrators are stable in float32 up to {RATIOS[-1]:g} times the field"
+        + (f", unstable are {', '.join(unstable)}" if unstable else "")
+        + (f", {undecided} undecided" if undecided else "")
+        + f"; the largest angle to float64 is {worst} deg in {100 * _HIGH:g} % of {plan.instances} instances, with "
+        f"the 95 % confidence interval; with sums about the sensor's zero, direct is {_range(states[ABOUT_ZERO])}."
     )
+    judged = [quantile(by_ratio[JUDGED][:, index, 2], _HIGH) for index in range(len(names()))]
     measurements = tuple(
-        check(f"study.float32.{name}.apart", float(np.quantile(by_ratio[JUDGED][:, index, 2], _HIGH)), unit="deg")
-        for index, name in enumerate(names())
+        quantile_measurement(f"study.float32.{name}.apart", estimate, "deg")
+        for name, estimate in zip(names(), judged, strict=True)
     )
-    medians = [float(row[2] or 0.0) for row in rows if row[0] == ABOUT_ZERO]
     table = Table("study.float32", columns, tuple(rows))
-    return Conclusion(sentence, measurements, table, _printed_figures(medians, stable=all(stability[ABOUT_ZERO])))
+    return Conclusion(sentence, measurements, table, _printed_figures(medians, states[ABOUT_ZERO]))
 
 
-def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[PrintedFigure, ...]:
-    parts = (f"{hundredths(error)} deg at {ratio:g}" for ratio, error in zip(RATIOS, medians_deg, strict=True))
+def stability(added: Estimate, noise: Estimate) -> str:
+    """Return whether float32 is stable, if the intervals of its effect and of that of noise decide it."""
+    if added.high is not None and noise.low is not None and added.high <= _STABLE * noise.low:
+        return STABLE
+    if added.low is not None and noise.high is not None and added.low > _STABLE * noise.high:
+        return UNSTABLE
+    return UNDECIDED
+
+
+def _range(states: Sequence[str]) -> str:
+    """Return the ratios up to which, and from which on, a calibrator's stability is decided."""
+    stable = len(list(takewhile(lambda word: word == STABLE, states)))
+    if stable == len(RATIOS):
+        return "stable, too"
+    first_unstable = next((ratio for ratio, word in zip(RATIOS, states, strict=True) if word == UNSTABLE), None)
+    words = [f"stable up to {RATIOS[stable - 1]:g} times the field"] if stable else []
+    words += [] if first_unstable is None else [f"unstable from {first_unstable:g} times the field on"]
+    return " and ".join(words) or UNDECIDED
+
+
+def _printed_figures(medians: Sequence[Estimate], states: Sequence[str]) -> tuple[PrintedFigure, ...]:
+    parts = (f"{error} deg at {ratio:g}" for ratio, error in zip(RATIOS, medians, strict=True))
     measured = f"{ABOUT_ZERO} in the median {', '.join(parts)} times the field"
+    suffices = False if UNSTABLE in states else None if UNDECIDED in states else True
     return (
         PrintedFigure(
             "Two-Step in single precision as hard iron grows",
             "INDUSCON 2018",
             "unstable",
             measured,
-            not stable,
+            None if suffices is None else not suffices,
             "like Two-Step, this fit sums about the sensor's zero; the board's calibrators sum about the middle of the "
             "points",
         ),
@@ -165,7 +201,7 @@ def _printed_figures(medians_deg: Sequence[float], *, stable: bool) -> tuple[Pri
             "Mucciaccia, 4.3",
             "suffices",
             measured,
-            stable,
+            suffices,
             "fourth powers have four times the bits of a reading: float32 suffices for sums about the middle of the "
             "points, and for sums about zero if hard iron is small",
         ),
@@ -176,8 +212,8 @@ def draw(run: Run, table: Table) -> Figure:
     """Draw the effects of float32 and of noise against hard iron."""
     lines: dict[str, list[tuple[float, float]]] = {}
     for row in table.rows:
-        lines.setdefault(str(row[0]), []).append((float(row[1] or 0.0), float(row[6] or 0.0)))
-    direct = [(float(row[1] or 0.0), float(row[3] or 0.0)) for row in table.rows if row[0] == "direct"]
+        lines.setdefault(str(row[0]), []).append((float(row[1] or 0.0), float(row[14] or 0.0)))
+    direct = [(float(row[1] or 0.0), float(row[5] or 0.0)) for row in table.rows if row[0] == "direct"]
     heights = [y for line in (*lines.values(), direct) for _, y in line if y > 0.0]
     figure = Figure(
         title="Effect of float32",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple
 from fractions import Fraction
 
 import numpy as np
@@ -12,11 +13,13 @@ from hiltest.calibration import REFERENCES
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.calibration.quality import COUNTS_PER_UT, residual_percent, sphere_directions
 from hiltest.measurement import Measurement, check
+from hiltest.measurement.estimates import Estimate, quantile
 from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.dpi import COUNTS, draw_sensor
 from hiltest.studies.instances import Model, draw_instances
+from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 UNCALIBRATED, LSTSQ = "uncalibrated", "lstsq"
@@ -36,20 +39,18 @@ _FACES = np.concatenate([np.eye(3), -np.eye(3)])
 _SAMPLES_A_FACE = 50
 _ACCELEROMETER_NOISE = 0.005  # of gravity
 _ASKEW_DEG = 0.3  # error of a face that is aligned by hand, about each axis
-# Values of Table 1: x, y, z and all axes; of Table 2: before and after subtracting the mean.
+#: Rows of Table 1, by `_TABLE_1_PLACES`; of Table 2, by `METHODS`. None: no fit.
 _TABLE_1 = {
-    UNCALIBRATED: (0.06343, 0.03357, 0.04977, 0.08734),
-    LSTSQ: (0.00640, 0.00620, 0.02745, 0.02886),
-    "merayo": (0.08447, 0.03284, 0.03312, 0.09649),
-    "frosio": (0.04743, 0.08435, 0.03339, 0.10237),
+    "x": (0.06343, 0.00640, 0.08447, 0.04743),
+    "y": (0.03357, 0.00620, 0.03284, 0.08435),
+    "z": (0.04977, 0.02745, 0.03312, 0.03339),
+    "all axes": (0.08734, 0.02886, 0.09649, 0.10237),
 }
-_TABLE_2 = {
-    UNCALIBRATED: (0.62576, 0.24736),
-    "li": (0.05010, 0.04122),
-    "merayo": (0.04220, 0.03997),
-    "frosio": (None, 0.04372),
-}
-_SHARE = 0.95
+_TABLE_1_PLACES = (0, 1, 4, 5)
+_TABLE_2 = {"before": (0.62576, 0.05010, 0.04220, None), "less mean": (0.24736, 0.04122, 0.03997, 0.04372)}
+#: Probability of refusing any row although all are from the model, shared by the rows (Bonferroni).
+LEVEL = 0.05
+_ROW_LEVEL = LEVEL / (len(_TABLE_1) + len(_TABLE_2))
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
@@ -154,8 +155,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             "magnetometer",
             offset,
             method,
-            _median(rms[:, k, 0]),
-            _median(rms[:, k, 1]),
+            *_median_cells(rms[:, k, 0]),
+            *_median_cells(rms[:, k, 1]),
             _percent_without_fit(rms[:, k, 0]),
             _percent_without_fit(rms[:, k, 1]),
         )
@@ -167,8 +168,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             f"accelerometer, {place}",
             None,
             method,
-            _median(all_axes[:, k, 3]),
-            None,
+            *_median_cells(all_axes[:, k, 3]),
+            *(None,) * 3,
             _percent_without_fit(all_axes[:, k, 3]),
             None,
         )
@@ -178,8 +179,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("sensor"),
         Column("offset / field"),
         Column("calibration"),
-        Column("rms"),
-        Column("rms less mean"),
+        *quantile_columns("rms"),
+        *quantile_columns("rms less mean"),
         Column("without a fit", "%"),
         Column("without a fit less mean", "%"),
     )
@@ -194,8 +195,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         f"{differing} of {plan.instances * ACCELEROMETER} instances."
     )
     printed = (
-        *_table_1(all_axes),
-        *_table_2(norms[JUDGED]),
+        *_judge_rows(all_axes, norms),
         _judge_convergence(norms),
         _judge_improvement(norms[JUDGED], differing),
     )
@@ -207,9 +207,14 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     )
 
 
-def _median(rms: Array) -> float | None:
+def _median(rms: Array) -> Estimate | None:
     fitted = rms[rms > 0.0]
-    return float(np.median(fitted)) if len(fitted) else None
+    return quantile(fitted, 0.5) if len(fitted) else None
+
+
+def _median_cells(rms: Array) -> tuple[Cell, ...]:
+    median = _median(rms)
+    return (None,) * 3 if median is None else astuple(median)
 
 
 def _percent_without_fit(rms: Array) -> float:
@@ -220,66 +225,89 @@ def _percent_without_fit(rms: Array) -> float:
 def _measurements(judged: Array, all_axes: Array, differing: int) -> list[Measurement]:
     measurements = [
         check("study.imu.li_differs", differing, unit=""),
-        check("study.imu.lstsq_rms", float(np.median(all_axes[:, 1, 3])), unit="g"),
+        quantile_measurement("study.imu.lstsq_rms", quantile(all_axes[:, 1, 3], 0.5), "g"),
     ]
     for k, method in enumerate(CALIBRATORS, 1):
         measurements.append(check(f"study.imu.{method}.without_fit", _percent_without_fit(judged[:, k, 0]), unit="%"))
-        measurements.append(check(f"study.imu.{method}.rms_less_mean", _median(judged[:, k, 1]), unit=""))
+        name, median = f"study.imu.{method}.rms_less_mean", _median(judged[:, k, 1])
+        measurements.append(check(name, None, unit="") if median is None else quantile_measurement(name, median, ""))
     return measurements
 
 
-def _judge_figure(figure: str, paper: str, printed_value: float, rms: Array, why_not: str) -> PrintedFigure:
-    """Judge a printed figure by the range that contains 95 % of instances."""
-    fitted = rms[rms > 0.0]
-    if not len(fitted):
-        return PrintedFigure(figure, paper, f"{printed_value:.5f}", "no fit", reproduced=False, because=why_not)
-    low, high = np.quantile(fitted, [(1.0 - _SHARE) / 2.0, (1.0 + _SHARE) / 2.0])
-    reproduced = bool(low <= printed_value <= high)
-    why = f"{100 * _SHARE:g} % of instances are from {low:.4f} to {high:.4f}"
+def row_probability(printed: Sequence[float | None], rms: Array) -> float | None:
+    """Return the probability that an instance is at least as unusual as a printed row, all figures together.
+
+    Parameters
+    ----------
+    printed
+        The row, of k figures; None where it has no fit.
+    rms : shape (n, k)
+        The same of each instance; 0 where it has no fit. Instances whose fits are not those of the row are left out.
+
+    Returns
+    -------
+    float or None
+        None if the instances are too few for a probability below the level of a row.
+
+    Notes
+    -----
+    Unusual is the Mahalanobis distance of the logarithms, with mean and covariance of row and instances together. If
+    the row is one more instance, all orders of the distances have the same probability, so the rank of its distance
+    is exact for every distribution (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World, 2005, 2.2).
+    """
+    has_fit = np.array([figure is not None for figure in printed])
+    alike = rms[((rms > 0.0) == has_fit).all(axis=1)][:, has_fit]
+    if (len(alike) + 1) * _ROW_LEVEL < 1.0:
+        return None
+    row = np.array([[figure for figure in printed if figure is not None]])
+    logarithms = np.log(np.concatenate([row, alike]))
+    off = logarithms - logarithms.mean(axis=0)
+    distances = np.einsum("ij,jk,ik->i", off, np.linalg.pinv(off.T @ off), off)
+    return float(np.mean(distances >= (1.0 - 1e-9) * distances[0]))
+
+
+def _judge_row(
+    row: str, paper: str, printed: Sequence[float | None], models: Sequence[Array], shown: int, why: str
+) -> PrintedFigure:
+    """Judge a row of a table by the model that suits it best; the medians are those of the model `shown`."""
+    probabilities = [row_probability(printed, rms) for rms in models]
+    probability = max((value for value in probabilities if value is not None), default=None)
+    stated = (
+        "too few instances have the fits of this row"
+        if probability is None
+        else f"{100.0 * probability:.2g} % of instances are as unusual as the row, all figures together; it is not "
+        f"reproduced below {100.0 * _ROW_LEVEL:.2g} %"
+    )
     return PrintedFigure(
-        figure,
-        paper,
-        f"{printed_value:.5f}",
-        f"{np.median(fitted):.5f}",
-        reproduced,
-        why if reproduced else f"{why}; {why_not}",
+        row,
+        f"Puc, Podobnik and Munih, {paper}",
+        ", ".join("no fit" if figure is None else f"{figure:.5f}" for figure in printed),
+        ", ".join("no fit" if median is None else str(median) for median in map(_median, models[shown].T)),
+        None if probability is None else probability >= _ROW_LEVEL,
+        f"{stated}; {why}",
     )
 
 
-def _table_1(all_axes: Array) -> list[PrintedFigure]:
-    why_not = dict.fromkeys(_TABLE_1, "the errors of the paper's board are unknown") | {
-        LSTSQ: "two of the paper's axes agree within 3 %, and the error of the third is four times as large, probably "
-        "because one face was misaligned",
-        **dict.fromkeys(
-            ("merayo", "frosio"),
-            "measured with 60 attitudes, because six faces do not determine nine unknowns and give no fit; the paper "
-            "does not state its attitudes",
-        ),
-    }
-    columns = {(method, place): all_axes[:, k] for k, (method, place) in enumerate(_PLACES)}
-    return [
-        _judge_figure(
-            f"accelerometer, {method}, {axis}",
-            "Puc, Podobnik and Munih, Table 1",
-            printed_value,
-            columns[method, "60 attitudes" if method in CALIBRATORS else "six faces"][:, j],
-            why_not[method],
+def _judge_rows(all_axes: Array, norms: Array) -> Iterator[PrintedFigure]:
+    for axis, (name, figures) in enumerate(_TABLE_1.items()):
+        yield _judge_row(
+            f"accelerometer, {name}: {UNCALIBRATED}, {LSTSQ}, merayo, frosio",
+            "Table 1",
+            figures,
+            [all_axes[:, _TABLE_1_PLACES, axis]],
+            0,
+            "merayo and frosio are measured with 60 attitudes, because six faces do not determine their nine unknowns",
         )
-        for method, figures in _TABLE_1.items()
-        for j, (axis, printed_value) in enumerate(zip(("x", "y", "z", "all axes"), figures, strict=True))
-    ]
-
-
-def _table_2(judged: Array) -> list[PrintedFigure]:
-    why_not = "the paper's samples are unknown"
-    return [
-        _judge_figure(
-            f"norm, {method}, {when}", "Puc, Podobnik and Munih, Table 2", printed_value, judged[:, k, j], why_not
+    for when, (name, printed) in enumerate(_TABLE_2.items()):
+        yield _judge_row(
+            f"norm, {name}: {', '.join(METHODS)}",
+            "Table 2",
+            printed,
+            list(norms[..., when]),
+            JUDGED,
+            "the offset is the one that suits the row best, and the noise was chosen by this table: the paper states "
+            "neither",
         )
-        for k, (method, figures) in enumerate(_TABLE_2.items())
-        for j, (when, printed_value) in enumerate(zip(("before", "less mean"), figures, strict=True))
-        if printed_value is not None
-    ]
 
 
 def _judge_convergence(norms: Array) -> PrintedFigure:
@@ -330,7 +358,7 @@ def draw(run: Run, table: Table) -> Figure:
         height=360.0,
     )
     rows = [row for row in table.rows if row[2] == "frosio" and isinstance(row[1], float)]
-    for index, (text, column) in enumerate((("as read", 5), ("less mean", 6))):
+    for index, (text, column) in enumerate((("as read", 9), ("less mean", 10))):
         style, mark = series(index)
         figure.series(text, [(float(row[1] or 0.0), float(row[column] or 0.0)) for row in rows], style, mark)
     return figure

@@ -66,7 +66,8 @@ class PrintedFigure:
     printed: str
     measured: str
     """Printed and measured value, with units."""
-    reproduced: bool
+    reproduced: bool | None
+    """None if the instances are too few to decide."""
     because: str
     """Reason why it is reproduced or not."""
 

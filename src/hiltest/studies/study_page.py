@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from hiltest import __version__
+from hiltest.measurement.estimates import Estimate
 from hiltest.report.page import render
 from hiltest.run_record.run import Cell, Run, Table, Verdict
+from hiltest.studies.quantiles import ENDS
 from hiltest.studies.study import PrintedFigure, Study
 from hiltest.text import format_number
 
@@ -25,6 +27,9 @@ def study_table(study: Study, run: Run) -> Table:
 def page(study: Study, run: Run) -> str:
     """Return the page: the answer, the plot, the printed and measured figures, and the table."""
     table = study_table(study, run)
+    with_interval = _with_interval(table)
+    shown = [place for place in range(len(table.columns)) if not with_interval & {place - 1, place - 2}]
+    headings = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns]
     return render(
         "study.html.j2",
         package="hiltest.studies",
@@ -33,10 +38,26 @@ def page(study: Study, run: Run) -> str:
         figure=study.draw(run, table),
         header=PRINTED_HEADER,
         printed=list(printed_rows(study, run)),
-        columns=[f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns],
-        rows=[[_text(cell) for cell in row] for row in table.rows],
+        columns=[f"{headings[place]}, 95 % interval" if place in with_interval else headings[place] for place in shown],
+        rows=[
+            [_estimate(row[place : place + 3]) if place in with_interval else _text(row[place]) for place in shown]
+            for row in table.rows
+        ],
         version=__version__,
     )
+
+
+def _with_interval(table: Table) -> set[int]:
+    """Return the places of the columns whose next two are the ends of an interval."""
+    names = [column.name for column in table.columns]
+    return {
+        place for place, name in enumerate(names) if names[place + 1 : place + 3] == [f"{name}, {end}" for end in ENDS]
+    }
+
+
+def _estimate(cells: Sequence[Cell]) -> str:
+    value, low, high = (float(cell) if isinstance(cell, (int, float)) else None for cell in cells)
+    return "" if value is None else str(Estimate(value, low, high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +67,8 @@ class StudyDocument:
     folder: str
     """Folder of ``run.json`` and ``study.html``."""
     figures: list[PrintedFigure]
+    table: Table
+    """The numbers of the study; two columns after a quantile are the ends of its 95 % confidence interval."""
     verdict: Verdict
     """Verdict of the record."""
 
@@ -54,7 +77,7 @@ def printed_rows(study: Study, run: Run) -> Iterator[tuple[str, ...]]:
     """Yield a row under `PRINTED_HEADER` for each figure that a paper printed."""
     table = run.table(f"study.{study.name}.printed") or Table("", (), ())
     for row in table.rows:
-        yield tuple(_text(cell) for cell in row)
+        yield tuple("undecided" if cell is None else _text(cell) for cell in row)
 
 
 def _text(cell: Cell) -> str:

@@ -1,0 +1,59 @@
+"""A number over random instances, and its confidence interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from scipy.stats import binom
+
+from hiltest.text import hundredths
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number over random instances, with the interval that contains the true one at 95 % confidence."""
+
+    value: float
+    low: float | None
+    high: float | None
+    """None if the instances are too few for an end."""
+
+    @property
+    def interval(self) -> str:
+        """The interval in words; a missing end is a question mark."""
+        return " to ".join("?" if end is None else hundredths(end) for end in (self.low, self.high))
+
+    def __str__(self) -> str:
+        return f"{hundredths(self.value)} ({self.interval})"
+
+    def rounded(self, digits: int) -> Estimate:
+        """Return the same with this many decimals."""
+        low, high = (None if end is None else round(end, digits) for end in (self.low, self.high))
+        return Estimate(round(self.value, digits), low, high)
+
+
+def quantile(values: Iterable[float], share: float) -> Estimate:
+    """Return a quantile with its interval from order statistics.
+
+    Parameters
+    ----------
+    values
+        At least one.
+
+    Notes
+    -----
+    The number of values below the true quantile has a binomial distribution, whatever that of the values is (David and
+    Nagaraja, Order Statistics, 2003, section 7.1). So the interval also holds for errors with heavy tails.
+    """
+    ordered = sorted(map(float, values))
+    count = len(ordered)
+    low, high = (int(binom.ppf(tail, count, share)) for tail in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
+    return Estimate(
+        ordered[max(math.ceil(share * count), 1) - 1],
+        ordered[low - 1] if low >= 1 else None,
+        ordered[high] if high < count else None,
+    )
