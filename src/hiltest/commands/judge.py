@@ -48,6 +48,12 @@ Exit codes:
 @documented("hiltest.judge/1")
 @click.argument("file", required=False)
 @click.option("--function", metavar="NAME", help="Judge this function of the file.  [default: calibrate]")
+@click.option(
+    "--signature",
+    metavar="FILE.toml",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Call functions with another signature, as this table maps it.",
+)
 @click.option("--part", metavar="NAME|FILE", help="Count the cycles of an ELF with the memories of this chip.")
 @click.option("--against", metavar="FILE", help="Compare with this calibrator, in the same worlds.")
 @click.option(
@@ -68,9 +74,10 @@ Exit codes:
 )
 @click.option(
     "--init",
-    metavar="FILE.c",
+    metavar="FILE",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a calibrator to begin with, and hiltest_judge.h beside it, and do nothing else.",
+    help="Write a calibrator to begin with, and hiltest_judge.h beside it, or a table for --signature (FILE.toml), and "
+    "do nothing else.",
 )
 @click.option(
     "--out",
@@ -81,6 +88,7 @@ Exit codes:
 def judge(
     file: str | None,
     function: str | None,
+    signature: Path | None,
     part: str | None,
     against: str | None,
     limits: tuple[str, ...],
@@ -96,7 +104,6 @@ def judge(
     """
     from hiltest import __version__
     from hiltest.commands.options import ErrorOutput
-    from hiltest.judge.build import HEADER
     from hiltest.judge.entries import is_filter, open_entry
     from hiltest.judge.judgement import JudgeDocument, document
     from hiltest.judge.judgement import judge as judge_entry
@@ -106,24 +113,25 @@ def judge(
     from hiltest.session.settings import make_folder
 
     if init is not None:
-        _write_template(init)
-        sentence = f"{init} and {HEADER} are written; judge it with: hiltest judge {init}"
+        sentence = _write_template(init)
         click.echo(sentence)
         return 0, JudgeDocument(__version__, sentence, 0, (), (), None)
     if file is None:
         raise click.UsageError("name a FILE, or --init FILE.c to begin with one")
+    if signature is not None and function is not None:
+        raise click.UsageError(f"--function: the functions are those of {signature}; leave one option out")
     largest = dict(map(_limit, limits))
-    judges_filter = bool(recordings) or is_filter(file, function)
+    judges_filter = bool(recordings) or is_filter(file, function, signature)
     folder = Path(out or f"{DEFAULT_OUT}/judge")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
     if judges_filter:
         files = [file] + ([against] if against else [])
-        return _written(_judge_filters(files, recordings, largest, alone, progress), folder)
+        return _written(_judge_filters(files, signature, recordings, largest, alone, progress), folder)
     with ExitStack() as stack:
-        opened = [(stack.enter_context(open_entry(file, function, part)), "judged")]
+        opened = [(stack.enter_context(open_entry(file, function, part, signature)), "judged")]
         if against is not None:
-            opened.append((stack.enter_context(open_entry(against, function, part)), "against"))
+            opened.append((stack.enter_context(open_entry(against, function, part, signature)), "against"))
         others = [] if alone else [(entry, "hiltest") for entry in own_calibrators()]
         entries = [*opened, *others]
         total, done = len(entries) * WORLDS * len(FAMILIES), count()
@@ -138,7 +146,12 @@ def judge(
 
 
 def _judge_filters(
-    files: Sequence[str], recordings: Sequence[Path], limits: Mapping[str, float], alone: bool, progress: ProgressLine
+    files: Sequence[str],
+    signature: Path | None,
+    recordings: Sequence[Path],
+    limits: Mapping[str, float],
+    alone: bool,
+    progress: ProgressLine,
 ) -> JudgeDocument:
     from hiltest.judge.entries import open_filter
     from hiltest.judge.filter_scores import judge_filter
@@ -149,7 +162,9 @@ def _judge_filters(
 
     motions = [read_motion_recording(file) for file in recordings] or [simulated_motion()]
     with ExitStack() as stack:
-        filters = [stack.enter_context(open_filter(file)) for file in files] + ([] if alone else [OwnFilter()])
+        filters = [stack.enter_context(open_filter(file, signature)) for file in files] + (
+            [] if alone else [OwnFilter()]
+        )
         roles = [*["judged", "against"][: len(files)], "hiltest"]
         total, done, results = len(filters) * len(motions), count(), []
         for filter_, role in zip(filters, roles, strict=False):
@@ -172,13 +187,18 @@ def _written(result: JudgeDocument, folder: Path) -> tuple[int, JudgeDocument]:
     return result.exit_code, result
 
 
-def _write_template(file: Path) -> None:
+def _write_template(file: Path) -> str:
     from hiltest.judge.build import HEADER, header_folder
 
     if file.exists():
         raise click.UsageError(f"{file} exists and is not overwritten; name another file")
-    for source, target in (("template.c", file), (HEADER, file.with_name(HEADER))):
+    is_table = file.suffix == ".toml"
+    further = [] if is_table else [(HEADER, file.with_name(HEADER))]
+    for source, target in (("template.toml" if is_table else "template.c", file), *further):
         target.write_text((header_folder() / source).read_text(encoding="utf-8"), encoding="utf-8")
+    if is_table:
+        return f"{file} is written; judge with it: hiltest judge FILE --signature {file}"
+    return f"{file} and {HEADER} are written; judge it with: hiltest judge {file}"
 
 
 def _limit(text: str) -> tuple[str, float]:
