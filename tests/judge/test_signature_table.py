@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,6 +25,7 @@ from hiltest.judge.host_calibrator import HostCalibrator
 from hiltest.judge.worlds import FAMILIES, World, draw_world
 
 WORLDS = [draw_world(family, 3) for family in FAMILIES]
+DOCS = Path(__file__).parents[2] / "docs" / "judge.md"
 ANSWERS_DEG = 1e-6  # results are the same on every host to this
 Write = Callable[[str, str], str]
 
@@ -73,15 +75,8 @@ void MahonyUpdate(filter_t *state, float gx, float gy, float gz, float ax, float
     state->angles.yaw = atan2f(2 * (x * y + w * z), 1 - 2 * (y * y + z * z));
 }
 """
-MAHONY_TOML = """
-start = "MahonyInit(&filter, 2.0f)"
-update = "MahonyUpdate(&filter, gx, gy, gz, ax, ay, az, mx, my, mz, dt)"
-frame = "nwu"
-gyroscope = { path = ["gx", "gy", "gz"], unit = "deg/s" }
-accelerometer = { path = ["ax", "ay", "az"], unit = "m/s2" }
-magnetometer = { path = ["mx", "my", "mz"], unit = "mG" }
-"""
-QUATERNION_TOML = MAHONY_TOML + 'quaternion = { path = "filter.q" }\n'
+RANGE_TOML, QUATERNION_TOML = re.findall(r"```toml\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
+MAHONY_TOML = QUATERNION_TOML.rpartition("quaternion")[0]
 MAHONY_CONTRACT_C = (
     MAHONY_C
     + """
@@ -137,14 +132,6 @@ int mag_cal(const struct sample *s, uint16_t n, cal_t *out)
     }
     return n > 13;
 }
-"""
-RANGE_TOML = """
-calibrate = "mag_cal(s, n, &out)"
-success = "nonzero"
-magnetometer = { path = ["s.x", "s.y", "s.z"], unit = "mG", axes = ["y", "-x", "z"] }
-count = { path = "n" }
-hard_iron = { path = "out.off", unit = "mG" }
-soft_iron = { path = "out.gain", form = "gains" }
 """
 RANGE_CONTRACT_C = (
     RANGE_C
@@ -522,7 +509,7 @@ def test_damaged_files_are_refused(write: Write, tmp_path: Path) -> None:
             answer_of(str(elf), str(tmp_path / "bad.toml"))
 
 
-def test_the_command_judges_by_a_table_that_it_has_written(
+def test_the_command_judges_by_a_table(
     write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -533,7 +520,7 @@ def test_the_command_judges_by_a_table_that_it_has_written(
             main(["judge", *words])
         return int(ended.value.code or 0)
 
-    assert judge("--init", "mine.toml") == 0
+    write(RANGE_TOML, "mine.toml")
     assert judge("range.c", "--signature", "mine.toml", "--alone", "--limit", "bound.median=11") == 0
     assert "range.c" in capsys.readouterr().out
     assert judge("range.c", "--signature", "mine.toml", "--function", "mag_cal") == 4

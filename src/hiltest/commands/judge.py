@@ -74,10 +74,9 @@ Exit codes:
 )
 @click.option(
     "--init",
-    metavar="FILE",
+    metavar="FILE.c",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write a calibrator to begin with, and hiltest_judge.h beside it, or a table for --signature (FILE.toml), and "
-    "do nothing else.",
+    help="Write a calibrator to begin with, and hiltest_judge.h beside it, and do nothing else.",
 )
 @click.option(
     "--out",
@@ -104,6 +103,7 @@ def judge(
     """
     from hiltest import __version__
     from hiltest.commands.options import ErrorOutput
+    from hiltest.judge.build import HEADER
     from hiltest.judge.entries import is_filter, open_entry
     from hiltest.judge.judgement import JudgeDocument, document
     from hiltest.judge.judgement import judge as judge_entry
@@ -113,7 +113,8 @@ def judge(
     from hiltest.session.settings import make_folder
 
     if init is not None:
-        sentence = _write_template(init)
+        _write_template(init)
+        sentence = f"{init} and {HEADER} are written; judge it with: hiltest judge {init}"
         click.echo(sentence)
         return 0, JudgeDocument(__version__, sentence, 0, (), (), None)
     if file is None:
@@ -187,18 +188,13 @@ def _written(result: JudgeDocument, folder: Path) -> tuple[int, JudgeDocument]:
     return result.exit_code, result
 
 
-def _write_template(file: Path) -> str:
+def _write_template(file: Path) -> None:
     from hiltest.judge.build import HEADER, header_folder
 
     if file.exists():
         raise click.UsageError(f"{file} exists and is not overwritten; name another file")
-    is_table = file.suffix == ".toml"
-    further = [] if is_table else [(HEADER, file.with_name(HEADER))]
-    for source, target in (("template.toml" if is_table else "template.c", file), *further):
+    for source, target in (("template.c", file), (HEADER, file.with_name(HEADER))):
         target.write_text((header_folder() / source).read_text(encoding="utf-8"), encoding="utf-8")
-    if is_table:
-        return f"{file} is written; judge with it: hiltest judge FILE --signature {file}"
-    return f"{file} and {HEADER} are written; judge it with: hiltest judge {file}"
 
 
 def _limit(text: str) -> tuple[str, float]:

@@ -113,7 +113,7 @@ class ForeignCalls:
                     self._calls[key] = self._bind(call)
         self._returning, returns = [(call, call.returns) for call in self._calls.values()][-1]
         self._return = None if isinstance(returns, OtherType) else self._new_variable("return", returns)
-        self._success = table.success or ("zero" if self._return and not table.is_filter else "always")
+        self._success = table.success or ("zero" if self._return and table.calibrate else "always")
         if self._success != "always" and not isinstance(returns, NumberType):
             with self._naming("success"):
                 raise ConfigError(f'{self._returning.function} returns {returns.text}, no number; write "always"')
@@ -220,6 +220,8 @@ class ForeignCalls:
             raise ConfigError(f"{name} is {variable.kind.text} in one call and {kind.text} in another")
         if isinstance(kind, ArrayType):
             variable.size = max(variable.size, written.length * (size_of(kind.element) or 1))
+        if variable.size > _ROOM:
+            raise ConfigError(f"{name} has {variable.size} bytes, more than any RAM here; write a smaller array")
         return variable
 
     def _new_variable(self, name: str, kind: CType, number: NumberType | None = None) -> _CallerVariable:
@@ -285,7 +287,7 @@ class ForeignCalls:
         paths = [self._indexed(path, sampled=sampled) for path in value.paths(key)]
         places = [self._place(path.replace("[i]", f"[{number}]")) for path in paths]
         count = sum(len(place.scalars) for place in places)
-        if len(paths) == 1 and "[i]" in paths[0] and size % max(count, 1) == 0:
+        if len(paths) == 1 and "[i]" in paths[0] and count and size % count == 0:
             steps, count = size // count, size
             places = [self._place(paths[0].replace("[i]", f"[{steps * number + step}]")) for step in range(steps)]
         if count != size:

@@ -236,7 +236,7 @@ def read_signature_table(file: Path) -> tuple[SignatureTable, TomlSource]:
     ConfigError
         If it cannot be read, or has a mistake; with line, key and the next step.
     """
-    otherwise = "name a table, or write one to begin with: hiltest judge --init mine.toml"
-    data, source = read_toml(file, read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=otherwise), "a signature")
+    content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a table (TOML) as docs/judge.md has it")
+    data, source = read_toml(file, content, "a signature")
     table: SignatureTable = source.validate(data, SignatureTable)
     return table, source
