@@ -48,6 +48,12 @@ Exit codes:
 @documented("hiltest.judge/1")
 @click.argument("file", required=False)
 @click.option("--function", metavar="NAME", help="Judge this function of the file.  [default: calibrate]")
+@click.option(
+    "--signature",
+    metavar="FILE.toml",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Call functions with another signature, as this table maps it.",
+)
 @click.option("--part", metavar="NAME|FILE", help="Count the cycles of an ELF with the memories of this chip.")
 @click.option("--against", metavar="FILE", help="Compare with this calibrator, in the same worlds.")
 @click.option(
@@ -81,6 +87,7 @@ Exit codes:
 def judge(
     file: str | None,
     function: str | None,
+    signature: Path | None,
     part: str | None,
     against: str | None,
     limits: tuple[str, ...],
@@ -112,18 +119,20 @@ def judge(
         return 0, JudgeDocument(__version__, sentence, 0, (), (), None)
     if file is None:
         raise click.UsageError("name a FILE, or --init FILE.c to begin with one")
+    if signature is not None and function is not None:
+        raise click.UsageError(f"--function: the functions are those of {signature}; leave one option out")
     largest = dict(map(_limit, limits))
-    judges_filter = bool(recordings) or is_filter(file, function)
+    judges_filter = bool(recordings) or is_filter(file, function, signature)
     folder = Path(out or f"{DEFAULT_OUT}/judge")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
     if judges_filter:
         files = [file] + ([against] if against else [])
-        return _written(_judge_filters(files, recordings, largest, alone, progress), folder)
+        return _written(_judge_filters(files, signature, recordings, largest, alone, progress), folder)
     with ExitStack() as stack:
-        opened = [(stack.enter_context(open_entry(file, function, part)), "judged")]
+        opened = [(stack.enter_context(open_entry(file, function, part, signature)), "judged")]
         if against is not None:
-            opened.append((stack.enter_context(open_entry(against, function, part)), "against"))
+            opened.append((stack.enter_context(open_entry(against, function, part, signature)), "against"))
         others = [] if alone else [(entry, "hiltest") for entry in own_calibrators()]
         entries = [*opened, *others]
         total, done = len(entries) * WORLDS * len(FAMILIES), count()
@@ -138,7 +147,12 @@ def judge(
 
 
 def _judge_filters(
-    files: Sequence[str], recordings: Sequence[Path], limits: Mapping[str, float], alone: bool, progress: ProgressLine
+    files: Sequence[str],
+    signature: Path | None,
+    recordings: Sequence[Path],
+    limits: Mapping[str, float],
+    alone: bool,
+    progress: ProgressLine,
 ) -> JudgeDocument:
     from hiltest.judge.entries import open_filter
     from hiltest.judge.filter_scores import judge_filter
@@ -149,7 +163,9 @@ def _judge_filters(
 
     motions = [read_motion_recording(file) for file in recordings] or [simulated_motion()]
     with ExitStack() as stack:
-        filters = [stack.enter_context(open_filter(file)) for file in files] + ([] if alone else [OwnFilter()])
+        filters = [stack.enter_context(open_filter(file, signature)) for file in files] + (
+            [] if alone else [OwnFilter()]
+        )
         roles = [*["judged", "against"][: len(files)], "hiltest"]
         total, done, results = len(filters) * len(motions), count(), []
         for filter_, role in zip(filters, roles, strict=False):

@@ -18,7 +18,7 @@ _RIGHT_FORWARD_UP = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 class Frame:
     """A convention."""
 
-    to_body: tuple[tuple[float, float, float], ...]
+    to_body: tuple[tuple[float, ...], ...]
     """Matrix from the firmware's axes to hiltest's."""
     gravity_sign: float
     """1 if a level board's accelerometer reads gravity, -1 if it reads the reaction force."""

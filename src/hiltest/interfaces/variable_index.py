@@ -159,9 +159,10 @@ class VariableIndex:
         """Return the functions that have a static variable of a name."""
         return sorted({function for function, entry, _ in self._statics if name_of(entry) == name and function})
 
-    def nearest(self, name: str) -> str:
-        """Return the most similar names, as the end of a sentence."""
-        return nearest_names(name, [full_name for full_name in self._entries_by_name if full_name])
+    @property
+    def names(self) -> list[str]:
+        """Names with namespaces and class."""
+        return [full_name for full_name in self._entries_by_name if full_name]
 
     def enumerator(self, name: str) -> int:
         """Return the value of an enumerator.
@@ -225,7 +226,7 @@ class VariableIndex:
             raise _NoPlaceError("is thread-local: each thread has its own; copy the value into a plain static variable")
         if first in _REGISTER or first == _REGISTER_X:
             raise _NoPlaceError(f"is in a register only; {_VOLATILE}")
-        address = _plain_address(operations)
+        address = _plain_address(operations, entry.cu["address_size"])
         if address is None:
             raise _NoPlaceError(f"is split or computed, without an address; {_VOLATILE}")
         if address in _REMOVED and all(variable.address != address for variable in self._objects):
@@ -238,11 +239,11 @@ def _operations(entry: Any) -> list[int]:
     return [] if place.form in _LISTS else list(place.value)
 
 
-def _plain_address(operations: list[int]) -> int | None:
+def _plain_address(operations: list[int], size: int) -> int | None:
     """Return the address of a location that is constant, with or without an added offset."""
-    if operations[0] != _ADDRESS or len(operations) < 5:
+    if operations[0] != _ADDRESS or len(operations) <= size:
         return None
-    address, rest = int.from_bytes(bytes(operations[1:5]), "little"), operations[5:]
+    address, rest = int.from_bytes(bytes(operations[1 : 1 + size]), "little"), operations[1 + size :]
     if rest and rest[0] != _PLUS_CONSTANT:
         return None
     return address + sum((byte & 0x7F) << 7 * number for number, byte in enumerate(rest[1:])) & 0xFFFFFFFF

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import PurePosixPath
+from typing import Any, Protocol
 
 from hiltest.errors import ConfigError
 from hiltest.interfaces.c_types import (
@@ -52,11 +53,36 @@ class _Location:
         return replace(self, kind=kind, written=self.written + written, beyond=(*self.beyond, by), bits=None)
 
 
-class Variables:
-    """Variables of a firmware image."""
+class DebuggedFile(Protocol):
+    """A file with debug information, such as a `FirmwareImage`."""
 
-    def __init__(self, image: FirmwareImage) -> None:
+    name: str
+
+    @property
+    def objects(self) -> Sequence[Symbol]:
+        """Variables of its symbol table."""
+
+    @property
+    def functions(self) -> Sequence[Symbol]:
+        """Functions of its symbol table."""
+
+    def debug_information(self) -> Any:
+        """Return a reader of its debug information; None without any."""
+
+    def function_entry(self, function: str) -> Any:
+        """Return the entry of a function in the debug information; None without one."""
+
+
+class Variables:
+    """Variables of a firmware image, or of another file with debug information."""
+
+    def __init__(self, image: DebuggedFile) -> None:
         self._image = image
+        self._declared: dict[str, _Location] = {}
+
+    def declare(self, name: str, address: int, kind: CType) -> None:
+        """Add a variable that the file does not have."""
+        self._declared[name] = _Location(kind, name, address)
 
     def place(self, path: str, *, type_: str | None = None) -> Place:
         """Return the place of a path.
@@ -95,12 +121,14 @@ class Variables:
         return None if dwarf is None else VariableIndex(dwarf, self._image.objects)
 
     def _variable(self, path: VariablePath, type_: str | None) -> _Location:
+        if path.name in self._declared and not (path.file or path.scope):
+            return self._declared[path.name]
         if type_ is not None:
             return self._locate_by_stated_type(path, stated_type(type_))
         index = self._index
         variable = index.find(path) if index is not None else None
         if variable is not None:
-            return _Location(self._read(variable.type_entry), path.name, variable.address)
+            return _Location(self.read_type(variable.type_entry), path.name, variable.address)
         symbols = self._objects(path.name)
         if symbols:
             raise ConfigError(
@@ -110,8 +138,8 @@ class Variables:
         within = index.functions_with(path.name) if index is not None else []
         if within:
             raise ConfigError(f"{path.text}: {path.name} is within a function; write {within[0]}::{path.name}")
-        names = [variable.name for variable in self._image.objects]
-        hint = index.nearest(path.name) if index is not None else nearest_names(path.name, names)
+        names = index.names if index is not None else [variable.name for variable in self._image.objects]
+        hint = nearest_names(path.name, [*self._declared, *names])
         raise ConfigError(f"{path.text}: no variable {path.name}; {hint}")
 
     def _objects(self, name: str) -> list[Symbol]:
@@ -135,7 +163,7 @@ class Variables:
             )
         return _Location(kind, path.name, symbols[0].address)
 
-    def _read(self, entry: object) -> CType:
+    def read_type(self, entry: object) -> CType:
         """Read a type; a struct that its unit only declares is read from its definition."""
         kind = read_type(entry)
         if isinstance(kind, RecordType) and kind.size is None and self._index is not None:
@@ -162,7 +190,7 @@ class Variables:
         assert isinstance(at.kind, PointerType)
         if at.kind.target is None:
             raise ConfigError(f"{at.written} is {at.kind.text}: its target type is unknown, so it has no value")
-        return self._read(at.kind.target)
+        return self.read_type(at.kind.target)
 
     def _element(self, at: _Location, step: IndexStep) -> _Location:
         if not isinstance(at.kind, ArrayType | PointerType):
@@ -207,7 +235,7 @@ class Variables:
         offset, member = members[step.name]
         bits = member.bits and BitField(member.bits.first % 8, member.bits.bits)
         by = offset + (member.bits.first // 8 if member.bits else member.offset)
-        return at.moved(by, self._read(member.type_entry), sign + step.name, bits)
+        return at.moved(by, self.read_type(member.type_entry), sign + step.name, bits)
 
     def _members_by_name(self, record: RecordType, depth: int) -> Iterator[tuple[str, tuple[int, Member]]]:
         """Yield the members by name, each with the offset of its struct; anonymous ones yield their own members."""
@@ -237,7 +265,7 @@ class Variables:
             yield from self._numbers_of_array(kind, offset, written)
         elif isinstance(kind, RecordType) and not kind.is_union and kind.size is not None:
             for member in kind.members:
-                inner, name = self._read(member.type_entry), f"{written}.{member.name}" if member.name else written
+                inner, name = self.read_type(member.type_entry), f"{written}.{member.name}" if member.name else written
                 if member.bits is not None and isinstance(inner, NumberType):
                     yield scalar(inner, offset, member.bits)
                 else:

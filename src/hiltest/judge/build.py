@@ -89,7 +89,7 @@ def build_image(source: Path, functions: Sequence[str], folder: Path) -> Build:
     script.write_text(_LINKER_SCRIPT.format(function=functions[0]), encoding="utf-8")
     is_cpp = source.suffix in CPP_SUFFIXES
     language = _CPP_FLAGS if is_cpp else ()
-    common = [FLAGS, "-g", *_SPLIT_FLAGS, *language, "-I", str(header_folder()), "-T", str(script)]
+    common = [FLAGS, "-gdwarf-4", *_SPLIT_FLAGS, *language, "-I", str(header_folder()), "-T", str(script)]
     common += ["-Wl,--gc-sections", *(f"-Wl,-u,{function}" for function in functions), "-o", str(image), str(source)]
     if command := shutil.which("arm-none-eabi-g++" if is_cpp else "arm-none-eabi-gcc"):
         _run(

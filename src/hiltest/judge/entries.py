@@ -15,8 +15,10 @@ from hiltest.json_files import read_bounded
 from hiltest.judge.answers import Answer, Entry
 from hiltest.judge.build import build_image, build_library, is_source
 from hiltest.judge.filters import HEADING, INIT, QUATERNION, UPDATE, HostFilter, ImageFilter, JudgedFilter
+from hiltest.judge.foreign_entries import ForeignCalibrator, ForeignFilter
 from hiltest.judge.host_calibrator import HostCalibrator
 from hiltest.judge.image_calibrator import CALIBRATE, CALIBRATE_PAIRS, ImageCalibrator
+from hiltest.judge.signature_table import read_signature_table
 from hiltest.judge.worlds import RIG, World
 
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
@@ -45,7 +47,7 @@ class SourceCalibrator:
 
 
 @contextmanager
-def open_entry(named: str, function: str | None, part: str | None = None) -> Iterator[Entry]:
+def open_entry(named: str, function: str | None, part: str | None = None, table: Path | None = None) -> Iterator[Entry]:
     """Open an entry.
 
     Parameters
@@ -57,6 +59,8 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
         Function of a file; by default that of the contract.
     part
         Part of an image.
+    table
+        File of a `SignatureTable`; None if the functions are those of the contract.
 
     Raises
     ------
@@ -64,7 +68,7 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
         If the file is none of these, cannot be compiled or loaded, or has no such function.
     """
     with ExitStack() as stack:
-        if python := _PYTHON.fullmatch(named):
+        if (python := _PYTHON.fullmatch(named)) and table is None:
             file, name = Path(python["file"]), python["function"]
             pairs = _python_takes_pairs(file, name)
             yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
@@ -73,7 +77,13 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
         content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
         if file.suffix == ".py":
             raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
-        if is_source(file):
+        if table is not None:
+            image, built_by = _foreign_image(stack, file, content, table)
+            if image is not None:
+                yield ForeignCalibrator(named, image, table, built_by=built_by, part=part)
+            else:
+                yield stack.enter_context(HostCalibrator(named, file, str(table.resolve()), takes_pairs=True))
+        elif is_source(file):
             yield _open_source(stack, file, content, function, part)
         elif content[:4] != _ELF_MAGIC:
             raise ConfigError(
@@ -86,6 +96,21 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
             name = function or CALIBRATE
             pairs = name == CALIBRATE_PAIRS
             yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
+
+
+def _foreign_image(stack: ExitStack, file: Path, content: bytes, table: Path) -> tuple[Path | None, str]:
+    """Return the image with the functions of a table, and its compiler; None for a library of the host."""
+    if file.suffix == ".py":
+        raise ConfigError(f"{file}: --signature is for C and C++; in Python, write a function of the contract")
+    read, _ = read_signature_table(table)
+    if is_source(file):
+        for name in read.functions:
+            if name.encode() not in content:
+                raise ConfigError(f"{table}: no function {name} in {file}; correct its call")
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
+        build = build_image(file, read.functions, folder)
+        return build.file, build.built_by
+    return (file if int.from_bytes(content[18:20], "little") == _ARM or content[:4] != _ELF_MAGIC else None), ""
 
 
 def _open_source(
@@ -126,8 +151,10 @@ def _python_definition(file: Path, name: str, kind: type[ast.FunctionDef | ast.C
     return next((node for node in tree.body if isinstance(node, kind) and node.name == name), None)
 
 
-def is_filter(named: str, function: str | None) -> bool:
-    """Return whether a file has a filter: a Python class, or the functions of the contract."""
+def is_filter(named: str, function: str | None, table: Path | None = None) -> bool:
+    """Return whether a file has a filter: by its table, a Python class, or the functions of the contract."""
+    if table is not None:
+        return read_signature_table(table)[0].is_filter
     if python := _PYTHON.fullmatch(named):
         return _python_definition(Path(python["file"]), python["function"], ast.ClassDef) is not None
     if function is not None:
@@ -137,15 +164,21 @@ def is_filter(named: str, function: str | None) -> bool:
 
 
 @contextmanager
-def open_filter(named: str) -> Iterator[JudgedFilter]:
+def open_filter(named: str, table: Path | None = None) -> Iterator[JudgedFilter]:
     """Open a filter; the errors are those of `open_entry`."""
     with ExitStack() as stack:
-        if python := _PYTHON.fullmatch(named):
+        if (python := _PYTHON.fullmatch(named)) and table is None:
             yield stack.enter_context(HostFilter(named, Path(python["file"]), python["function"]))
             return
         file = Path(named)
         content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
-        if is_source(file):
+        if table is not None:
+            image, built_by = _foreign_image(stack, file, content, table)
+            if image is not None:
+                yield ForeignFilter(named, image, table, built_by=built_by)
+            else:
+                yield stack.enter_context(HostFilter(named, file, str(table.resolve())))
+        elif is_source(file):
             functions = [name for name in (UPDATE, INIT, QUATERNION, HEADING) if name.encode() in content]
             build = build_image(file, functions, Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-"))))
             yield ImageFilter(named, build.file, built_by=build.built_by)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -135,7 +135,7 @@ class ImageFilter:
             self._band(cycles, slices),
         )
 
-    def _check(self, symbols: Container[str]) -> None:
+    def _check(self, symbols: Collection[str]) -> None:
         for function in (INIT, UPDATE):
             if function not in symbols:
                 raise ConfigError(f"{self.name}: no function {function}; define it as hiltest_judge.h says")
@@ -180,7 +180,7 @@ class OwnFilter(ImageFilter):
         super().__init__("attitude_filter", default_firmware(), built_by=packaged_compiler())
         self._state = bytearray(_STATE_BYTES)
 
-    def _check(self, symbols: Container[str]) -> None:
+    def _check(self, symbols: Collection[str]) -> None:
         assert self._update in symbols
 
     def _start(self, rate_hz: float) -> None:

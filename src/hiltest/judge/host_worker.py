@@ -24,6 +24,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 CALIBRATE, PAIRS, FILTER = "calibrate", "pairs", "filter"
+TABLE = ".toml"
+"""End of the name of a table, which may be in the place of a function's name."""
 REFUSED, WRITES_OUTSIDE = 1, 2
 _MOST_BYTES = 4 << 30  # of address space
 _GUARD, _GUARDS = -1.2345678e30, 8
@@ -56,6 +58,24 @@ def main(file: str, function: str, mode: str) -> None:
 
 def _request_runner(file: str, function: str, mode: str) -> Callable[[bytes], _Result]:
     is_python = file.endswith(".py")
+    if function.endswith(TABLE):
+        from hiltest.judge.foreign_library import open_library
+
+        foreign, machine = open_library(Path(file), Path(function))
+
+        def calibrate_foreign(inputs: list[Any]) -> _Result:
+            """Call the functions of the table."""
+            refused, *answer = foreign.calibrate(*inputs)
+            return REFUSED if refused else 0, 1e6 * machine.taken_s, np.concatenate([part.ravel() for part in answer])
+
+        def make_foreign(rate_hz: float) -> tuple[Callable[..., Any], Callable[[], Any]]:
+            """Start the filter of the table anew."""
+            foreign.start(rate_hz)
+            return lambda *values: foreign.update(*values[:3]), foreign.read
+
+        if mode == FILTER:
+            return functools.partial(_run_filter, make_foreign)
+        return functools.partial(_run_calibrator, calibrate_foreign, 2)
     if mode == FILTER:
         make = _python_filter(Path(file), function) if is_python else _library_filter(file)
         return functools.partial(_run_filter, make)

@@ -14,9 +14,10 @@ from hiltest.virtual.profiling.image import ProfiledImage
 from hiltest.virtual.program.elf import load_image
 
 CALIBRATE, CALIBRATE_PAIRS = "calibrate", "calibrate_pairs"
+TIMEOUT_S = 60.0
+"""Longest virtual time of a call, 7 200 million cycles."""
 _GUARD = np.float32(-1.2345678e30)
 _GUARDS = 8  # numbers behind each output that the function must not change
-_TIMEOUT_S = 60.0  # of virtual time, 7 200 million cycles
 
 
 class ImageCalibrator:
@@ -72,7 +73,7 @@ class ImageCalibrator:
         before = [numbers.copy() for numbers in inputs]
         hard_iron, soft_iron = (_guarded(size) for size in (3, 9))
         try:
-            called = self._image.call(self._function, *inputs, len(samples), hard_iron, soft_iron, timeout_s=_TIMEOUT_S)
+            called = self._image.call(self._function, *inputs, len(samples), hard_iron, soft_iron, timeout_s=TIMEOUT_S)
         except BoardFault as fault:
             raise fault.located(f"{self.name} in world {world.name}") from fault
         self.cycle_model = called.cycle_model

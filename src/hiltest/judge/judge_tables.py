@@ -10,14 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest.judge.filter_scores import PhaseScore
-<<<<<<< HEAD
-from hiltest.judge.judgement import ALL, EntryResult, Estimate, JudgeDocument, ranks_with
-from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, RIG, WORLDS
-=======
 from hiltest.judge.judgement import ALL, EntryResult, JudgeDocument, ranks_with
-from hiltest.judge.worlds import FAMILIES, RIG, WORLDS
+from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, RIG, WORLDS
 from hiltest.measurement.estimates import Estimate
->>>>>>> t41-study
 from hiltest.report.marks import KeyEntry, series
 from hiltest.report.page import render
 from hiltest.report.svg import Figure

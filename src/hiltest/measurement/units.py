@@ -103,6 +103,8 @@ _CONVERSIONS: dict[str, dict[str, Conversion]] = {
         "degF": Conversion(5.0 / 9.0, -160.0 / 9.0),
     },
     "%": {"%": Conversion(), "1": Conversion(100.0)},
+    "s": _conversions_by_word({"s": 1.0, "ms": 1e-3, "us": 1e-6}),
+    "Hz": {"Hz": Conversion()},
     "": {"": Conversion(), "1": Conversion()},
 }
 _BY_LOWER = {unit: {word.lower(): factor for word, factor in words.items()} for unit, words in _CONVERSIONS.items()}
@@ -111,7 +113,7 @@ _GAUSS = {"G": "gauss", "mG": "mgauss"}
 
 
 def conversion(word: str, unit: str) -> Conversion | None:
-    """Return the conversion from a unit, as people write it, to one of deg, dps, g, uT, degC and %.
+    """Return the conversion from a unit, as people write it, to one of deg, dps, g, uT, degC, s, Hz and %.
 
     The result is None if the units do not convert.
 

@@ -70,16 +70,26 @@ def load_rig(path: Path | str) -> Rig:
     return parse_rig(path, read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a rig (TOML)"))
 
 
-def parse_rig(path: Path, content: bytes) -> Rig:
-    """Check the contents of a rig file like `load_rig`; messages name the file that it was read from."""
+def read_toml(path: Path, content: bytes, title: str = "a rig") -> tuple[dict[str, Any], TomlSource]:
+    """Return the data of a TOML file, and its text, which locates keys.
+
+    Raises
+    ------
+    ConfigError
+        If it is not TOML.
+    """
     try:
         text = content.decode("utf-8")
-        data = tomllib.loads(text)
+        return tomllib.loads(text), TomlSource(path, text)
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; a rig must be a TOML file") from error
-    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; {title} must be a TOML file") from error
+    except (ValueError, RecursionError) as error:  # ValueError also for an integer of thousands of digits
         raise ConfigError(_not_toml(path, text, str(error))) from error
-    source = _Source(path, text)
+
+
+def parse_rig(path: Path, content: bytes) -> Rig:
+    """Check the contents of a rig file like `load_rig`; messages name the file that it was read from."""
+    data, source = read_toml(path, content)
     for made_here in _MADE_HERE & data.keys():
         raise UnknownKeyError(made_here, where=source.where((made_here,)), known=_known_keys(Rig, ()))
     if "schema" not in data:
@@ -113,8 +123,8 @@ def parse_rig(path: Path, content: bytes) -> Rig:
     return rig
 
 
-class _Source:
-    """A rig file's path and text, which locates the line of a key."""
+class TomlSource:
+    """A TOML file's path and text, which locates the line of a key."""
 
     def __init__(self, path: Path, text: str) -> None:
         self._path = path
@@ -145,7 +155,7 @@ class _Source:
         message = detail["msg"]
         cause = detail.get("ctx", {}).get("error")
         if isinstance(cause, RigValueError):
-            key, message = (*key, cause.key), str(cause)
+            key, message = (*key, *cause.key.split(".")), str(cause)
         place = ".".join(prefix + key)
         if kind in ("missing", "missing_argument"):
             return ConfigError(f"{self.where(prefix + key)}: {place} is missing")
@@ -163,7 +173,7 @@ def _not_toml(path: Path, text: str, complaint: str) -> str:
     return f"{path}:{line}: not TOML: {complaint[: place.start()]}{column}"
 
 
-def _units(source: _Source, tables: Mapping[str, Mapping[str, LimitEntry | ToleranceEntry]]) -> dict[str, str]:
+def _units(source: TomlSource, tables: Mapping[str, Mapping[str, LimitEntry | ToleranceEntry]]) -> dict[str, str]:
     """Return the unit of every name, which is the same in all tables."""
     units: dict[str, tuple[str, str]] = {}
     for table, entries in tables.items():
@@ -177,14 +187,14 @@ def _units(source: _Source, tables: Mapping[str, Mapping[str, LimitEntry | Toler
     return {name: unit for name, (unit, _) in units.items()}
 
 
-def _checked_limits(source: _Source, table: str, entries: object) -> dict[str, LimitEntry]:
+def _checked_limits(source: TomlSource, table: str, entries: object) -> dict[str, LimitEntry]:
     read: dict[str, LimitEntry] = source.validate(entries, dict[str, LimitEntry], (table,))
     for name, entry in read.items():
         _check_limit(source, (table, name), entry)
     return read
 
 
-def _checked_tolerances(source: _Source, entries: object) -> dict[str, ToleranceEntry]:
+def _checked_tolerances(source: TomlSource, entries: object) -> dict[str, ToleranceEntry]:
     key = ("tolerances",)
     read: dict[str, ToleranceEntry] = source.validate(entries, dict[str, ToleranceEntry], key)
     for name, entry in read.items():
@@ -196,7 +206,7 @@ def _checked_tolerances(source: _Source, entries: object) -> dict[str, Tolerance
     return read
 
 
-def _check_name(source: _Source, key: tuple[str, str], unit: str) -> None:
+def _check_name(source: TomlSource, key: tuple[str, str], unit: str) -> None:
     """Refuse a misspelling of a known name, and a unit that is not the kind's own.
 
     Any other name is the user's own; if nothing measures it, the end of the run reports that.
@@ -209,7 +219,7 @@ def _check_name(source: _Source, key: tuple[str, str], unit: str) -> None:
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: its unit is {kind.unit!r}, not {unit!r}")
 
 
-def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> None:
+def _check_limit(source: TomlSource, key: tuple[str, str], entry: LimitEntry) -> None:
     _check_name(source, key, entry.unit)
     named = identify(key[1])
     is_error = named.section is Section.HEADING and entry.unit == "deg" and not is_direction(key[1])
@@ -223,7 +233,7 @@ def _check_limit(source: _Source, key: tuple[str, str], entry: LimitEntry) -> No
         raise ConfigError(f"{source.where(key)}: {'.'.join(key)}: {error}") from error
 
 
-def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
+def _refuse_limits_within_uncertainty(rig: Rig, source: TomlSource) -> None:
     for name, limit in rig.limits.items():
         uncertainty_deg = rig.reference_uncertainty_deg(name)
         if uncertainty_deg is None:
@@ -239,7 +249,7 @@ def _refuse_limits_within_uncertainty(rig: Rig, source: _Source) -> None:
                 )
 
 
-def _refuse_tolerances_beyond_limits(rig: Rig, source: _Source) -> None:
+def _refuse_tolerances_beyond_limits(rig: Rig, source: TomlSource) -> None:
     """Refuse a tolerance that lets a number cross its limit unnoticed."""
     for name, tolerance in rig.tolerances.items():
         limit = rig.limits.get(name)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from hiltest.orientation.angles import Pose
 
 Triple: TypeAlias = tuple[float, float, float]
+Axes: TypeAlias = tuple[str, str, str]
+"""Axes of a chip along x, y and z of the body, such as ``-y``."""
 
 # Configuration of pydantic: no unknown keys, no conversions (an integer is a valid float).
 STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
@@ -43,6 +45,21 @@ def number_of_points(calibration: str) -> int | None:
 def require(holds: bool, key: str, message: str) -> None:
     if not holds:
         raise RigValueError(key, message)
+
+
+def check_axes(axes: Axes | None) -> None:
+    """Refuse axes that are not x, y and z in some order; None means none."""
+    require(
+        axes is None or sorted(axis.removeprefix("-") for axis in axes) == ["x", "y", "z"],
+        "axes",
+        'must be x, y and z in some order, each with its sign, such as ["-y", "x", "z"]',
+    )
+
+
+def axes_matrix(axes: Axes) -> tuple[tuple[float, ...], ...]:
+    """Return the matrix from a chip's axes to the body's."""
+    signs = [(-1.0 if axis.startswith("-") else 1.0, axis[-1]) for axis in axes]
+    return tuple(tuple(sign * (name == other) for other in "xyz") for sign, name in signs)
 
 
 def check_span(after_s: float, for_s: float | None = None) -> None:
@@ -165,24 +182,17 @@ class SensorChoice:
     """Names as in the board's identity; None for the first that answers."""
     accepted_settings: tuple[str, ...] = ()
     """Settings that the firmware may make although the models of the parts do not carry them out."""
-    axes: tuple[str, str, str] | None = None
+    axes: Axes | None = None
     """Axes of the magnetometer's chip along x, y and z of the board, such as ``-y``, if firmware that reports by itself
     gives raw readings and calibration along the chip's axes."""
 
     @property
     def chip_to_body(self) -> tuple[tuple[float, ...], ...] | None:
         """Matrix from the chip's axes to the board's; None without `axes`."""
-        if self.axes is None:
-            return None
-        signs = [(-1.0 if axis.startswith("-") else 1.0, axis[-1]) for axis in self.axes]
-        return tuple(tuple(sign * (name == other) for other in "xyz") for sign, name in signs)
+        return None if self.axes is None else axes_matrix(self.axes)
 
     def __post_init__(self) -> None:
-        require(
-            self.axes is None or sorted(axis.removeprefix("-") for axis in self.axes) == ["x", "y", "z"],
-            "axes",
-            'must be x, y and z in some order, each with its sign, such as ["-y", "x", "z"]',
-        )
+        check_axes(self.axes)
         strangers = [text for text in self.accepted_settings if not names_setting(text)]
         require(
             not strangers,

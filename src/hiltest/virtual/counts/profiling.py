@@ -116,12 +116,13 @@ def profile_call(
     *arguments: Argument,
     timeout_s: float = HANG_S,
     clock_hz: float | None = None,
+    keeps_ram: bool = False,
 ) -> CallProfile:
     """Call one function of an image, and profile its cycles.
 
     Parameters
     ----------
-    *arguments, timeout_s, clock_hz
+    *arguments, timeout_s, clock_hz, keeps_ram
         As for `VirtualCortexM4.call`.
 
     Raises
@@ -142,7 +143,7 @@ def profile_call(
     waited = core.memory_cycles
     is_whole = False
     try:
-        result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz)
+        result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz, keeps_ram=keeps_ram)
     finally:
         is_whole = lib.machine_end_profile(machine)
     if not is_whole:

@@ -36,6 +36,8 @@ class ProfiledImage:
     ----------
     part : Part or None
         The chip, if it was named.
+    board : VirtualCortexM4
+        The board.
 
     Raises
     ------
@@ -62,18 +64,20 @@ class ProfiledImage:
             profile = load_profile(timing or DEFAULT_PROFILE)
         else:
             profile = chip.timing(self._clock_hz)
-        self._board = board_for(elf, profile=profile, memory=memory, part=chip)
+        self.board = board_for(elf, profile=profile, memory=memory, part=chip)
 
     @property
     def memory(self) -> MemoryMap:
         """Addresses of its memories."""
-        return self._board.memory
+        return self.board.memory
 
     def report_waits(self, listener: Callable[[str], None]) -> None:
         """Call `listener` with one line when the function waits for an unmodelled register."""
-        self._board.report_waits(listener)
+        self.board.report_waits(listener)
 
-    def call(self, function: str, *arguments: Argument, timeout_s: float = HANG_S) -> CallProfile:
+    def call(
+        self, function: str, *arguments: Argument, timeout_s: float = HANG_S, keeps_ram: bool = False
+    ) -> CallProfile:
         """Call a function with interrupts masked, without booting; each call starts with the ELF's initial data.
 
         Parameters
@@ -84,6 +88,8 @@ class ProfiledImage:
             Arguments, see `VirtualCortexM4.call`.
         timeout_s
             Virtual time after which the call counts as hung [s].
+        keeps_ram
+            True to start with the present data instead.
 
         Returns
         -------
@@ -98,4 +104,6 @@ class ProfiledImage:
         BoardFault
             If the function faults or hangs.
         """
-        return profile_call(self._board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz)
+        return profile_call(
+            self.board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz, keeps_ram=keeps_ram
+        )

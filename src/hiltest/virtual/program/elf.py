@@ -401,6 +401,10 @@ class FirmwareImage:
         except Exception:  # damaged debug information is ignored
             return {}
 
+    def function_entry(self, function: str) -> Any:
+        """Return the entry of a function in the debug information; None without one."""
+        return self._subprograms.get(function)
+
     def signature(self, function: str) -> Signature | None:
         """Return a function's parameter and return types from DWARF; None without them."""
         with self._reading:
