@@ -68,7 +68,7 @@ def open_entry(named: str, function: str | None, part: str | None = None, table:
         If the file is none of these, cannot be compiled or loaded, or has no such function.
     """
     with ExitStack() as stack:
-        if (python := _PYTHON.fullmatch(named)) and table is None:
+        if python := _PYTHON.fullmatch(named):
             file, name = Path(python["file"]), python["function"]
             pairs = _python_takes_pairs(file, name)
             yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
@@ -100,8 +100,6 @@ def open_entry(named: str, function: str | None, part: str | None = None, table:
 
 def _foreign_image(stack: ExitStack, file: Path, content: bytes, table: Path) -> tuple[Path | None, str]:
     """Return the image with the functions of a table, and its compiler; None for a library of the host."""
-    if file.suffix == ".py":
-        raise ConfigError(f"{file}: --signature is for C and C++; in Python, write a function of the contract")
     read, _ = read_signature_table(table)
     if is_source(file):
         for name in read.functions:
@@ -154,6 +152,8 @@ def _python_definition(file: Path, name: str, kind: type[ast.FunctionDef | ast.C
 def is_filter(named: str, function: str | None, table: Path | None = None) -> bool:
     """Return whether a file has a filter: by its table, a Python class, or the functions of the contract."""
     if table is not None:
+        if _PYTHON.fullmatch(named) or named.endswith(".py"):
+            raise ConfigError(f"{named}: --signature is for C and C++; in Python, write a function of the contract")
         return read_signature_table(table)[0].is_filter
     if python := _PYTHON.fullmatch(named):
         return _python_definition(Path(python["file"]), python["function"], ast.ClassDef) is not None
@@ -167,7 +167,7 @@ def is_filter(named: str, function: str | None, table: Path | None = None) -> bo
 def open_filter(named: str, table: Path | None = None) -> Iterator[JudgedFilter]:
     """Open a filter; the errors are those of `open_entry`."""
     with ExitStack() as stack:
-        if (python := _PYTHON.fullmatch(named)) and table is None:
+        if python := _PYTHON.fullmatch(named):
             yield stack.enter_context(HostFilter(named, Path(python["file"]), python["function"]))
             return
         file = Path(named)

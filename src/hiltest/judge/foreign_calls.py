@@ -357,6 +357,7 @@ class ForeignCalls:
             content = bits.tobytes() if isinstance(value, float) else (value & (1 << 64) - 1).to_bytes(8, "little")
             self._return.content[:size] = content[:size]
 
+    @np.errstate(all="ignore")
     def _write(self, key: str, rows: Any) -> None:
         """Write numbers in hiltest's unit and axes, of shape (samples, numbers)."""
         if key in self._inputs:
@@ -403,6 +404,7 @@ class ForeignCalls:
         value = decoded(self._return.kind, bytes(self._return.content[: self._return.size]))
         return not {"zero": value == 0, "nonzero": value != 0, "not negative": value >= 0}[self._success]
 
+    @np.errstate(all="ignore")
     def _calibration(self) -> tuple[Array, Array]:
         """Return hard iron and soft iron along the axes of the body."""
         hard, soft, matrix = self._table.hard_iron, self._table.soft_iron, np.eye(3)

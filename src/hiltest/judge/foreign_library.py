@@ -104,6 +104,9 @@ def open_library(file: Path, table: Path) -> tuple[ForeignCalls, _HostMachine]:
     ConfigError
         If the table does not fit the library.
     """
-    library = _LibraryFile(file)
+    try:
+        library = _LibraryFile(file)
+    except Exception as error:  # the parser raises any type of error on a damaged file
+        raise ConfigError(f"{file.name} is damaged ({str(error) or type(error).__name__}); build it again") from error
     machine = _HostMachine(file, library.functions)
     return ForeignCalls(*read_signature_table(table), library, machine), machine

@@ -414,4 +414,7 @@ class FirmwareImage:
 
     def _read_signature(self, function: str) -> Signature | None:
         die = self._subprograms.get(function)
-        return None if die is None else read_signature(die)
+        try:
+            return None if die is None else read_signature(die)
+        except Exception:  # damaged debug information is ignored
+            return None
