@@ -20,6 +20,7 @@ from hiltest.judge.judgement import (
     root_mean_square,
 )
 from hiltest.judge.worlds import FAMILIES, RIG, World, draw_world
+from hiltest.measurement.estimates import Estimate
 
 
 class Truth:
@@ -27,11 +28,14 @@ class Truth:
 
     name, built_by, cycle_model, flash_bytes = "truth", "gcc 12.2.1 -O2", "model/1@sram", 100
 
-    def __init__(self, error_ut: float, cycles: int | None = 1000, refused: tuple[int, ...] = ()) -> None:
-        self._error_ut, self._cycles, self._refused = error_ut, cycles, refused
+    def __init__(
+        self, error_ut: float, cycles: int | None = 1000, refused: tuple[int, ...] = (), twice_in: str = ""
+    ) -> None:
+        self._error_ut, self._cycles, self._refused, self._twice_in = error_ut, cycles, refused, twice_in
 
     def answer(self, world: World) -> Answer:
-        hard_iron_ut = world.hard_iron_ut + np.array([self._error_ut, 0.0, 0.0])
+        error_ut = self._error_ut * (2.0 if world.family == self._twice_in else 1.0)
+        hard_iron_ut = world.hard_iron_ut + np.array([error_ut, 0.0, 0.0])
         is_refused = world.family == RIG and world.number in self._refused
         return Answer(is_refused, hard_iron_ut, np.linalg.inv(world.soft_iron), cycles=self._cycles)
 
@@ -87,6 +91,14 @@ def test_twice_the_error_is_twice_the_error(small: Judged, large: Judged) -> Non
     assert (comparison.cycles, comparison.more_refused, comparison.is_worse) == (0.9, 2, True)
     back = compare(small, large)
     assert (back.cycles, back.more_refused, back.is_worse) == (pytest.approx(10 / 9), -2, True)
+
+
+def test_a_larger_error_in_one_family_is_a_regression(small: Judged) -> None:
+    comparison = compare(judge(Truth(0.1, twice_in="points"), "judged"), small)
+    assert comparison.error == Estimate(1.0, 1.0, 1.0)
+    assert comparison.families["rig"] == Estimate(1.0, 1.0, 1.0)
+    assert comparison.families["points"].value == pytest.approx(2.0, abs=0.01)  # linear, as above
+    assert comparison.is_worse
 
 
 def test_other_entries_are_ranked_by_the_larger_error_of_both_default_clouds(small: Judged, large: Judged) -> None:

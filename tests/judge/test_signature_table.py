@@ -542,7 +542,7 @@ def test_the_command_judges_by_a_table(
         return int(ended.value.code or 0)
 
     write(RANGE_TOML, "mine.toml")
-    assert judge("range.c", "--signature", "mine.toml", "--alone", "--limit", "bound.median=11") == 0
+    assert judge("range.c", "--signature", "mine.toml", "--alone", "--limit", "bound.median=16") == 0
     assert "range.c" in capsys.readouterr().out
     assert judge("range.c", "--signature", "mine.toml", "--function", "mag_cal") == 4
     assert judge("mine.py:fit", "--signature", "mine.toml") == 4

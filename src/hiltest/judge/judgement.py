@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from statistics import fmean, median, stdev
 
 from hiltest import __version__
@@ -12,7 +13,7 @@ from hiltest.errors import ConfigError, nearest_hint
 from hiltest.judge.answers import Answer, Entry, Outcome, Rating, rate
 from hiltest.judge.filter_scores import FilterResult
 from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, HALF_SPHERE, RIG, World, draw_worlds
-from hiltest.measurement.estimates import Estimate, quantile
+from hiltest.measurement.estimates import CONFIDENCE, Estimate, quantile
 from hiltest.text import format_count
 
 ALL = "all"
@@ -103,14 +104,17 @@ class Comparison:
     """Errors and cycles of the judged entry, relative to those of another one in the same worlds."""
 
     error: Estimate | None
-    """Median ratio of the rms heading errors; None if no world has an answer of both."""
+    """Median ratio of the rms heading errors over all worlds; None if no world has an answer of both."""
+    families: dict[str, Estimate]
+    """The same over each family in which both answer; all of these intervals hold together at 95 % confidence."""
     cycles: float | None
     """Ratio of the cycles; None if compilers or cycle models differ."""
     more_refused: int
 
     @property
     def is_worse(self) -> bool:
-        errs_more = self.error is not None and self.error.low is not None and self.error.low > 1.0
+        ratios = [*self.families.values(), *([self.error] if self.error else [])]
+        errs_more = any(ratio.low is not None and ratio.low > 1.0 for ratio in ratios)
         return errs_more or (self.cycles or 1.0) > 1.0 or self.more_refused > 0
 
 
@@ -132,10 +136,10 @@ class JudgeDocument:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """An entry with all ratings, by the name of the world."""
+    """An entry with its ratings, by family, in the order of the worlds."""
 
     result: EntryResult
-    ratings: Mapping[str, Rating]
+    ratings: Mapping[str, Sequence[Rating]]
 
 
 def judge(entry: Entry, role: str, tell: Callable[[World], None] = lambda _world: None) -> Judged:
@@ -146,18 +150,17 @@ def judge(entry: Entry, role: str, tell: Callable[[World], None] = lambda _world
     tell
         Is called before each world.
     """
-    answers: dict[str, Answer] = {}
-    ratings: dict[str, Rating] = {}
-    by_family: dict[str, list[str]] = {}
+    answers: dict[str, list[Answer]] = {}
+    ratings: dict[str, list[Rating]] = {}
     for family in FAMILIES:
         for world in draw_worlds(family):
             tell(world)
-            answers[world.name] = answer = entry.answer(world)
-            ratings[world.name] = rate(answer, world)
-            by_family.setdefault(family.name, []).append(world.name)
-    families = [_family_result(name, [ratings[world] for world in worlds]) for name, worlds in by_family.items()]
-    families.append(_family_result(ALL, list(ratings.values())))
-    cost = _cost(entry, [answers[world] for world in by_family[RIG]], list(answers.values()))
+            answer = entry.answer(world)
+            answers.setdefault(family.name, []).append(answer)
+            ratings.setdefault(family.name, []).append(rate(answer, world))
+    families = [_family_result(name, rated) for name, rated in ratings.items()]
+    families.append(_family_result(ALL, list(chain(*ratings.values()))))
+    cost = _cost(entry, answers[RIG], list(chain(*answers.values())))
     return Judged(EntryResult(entry.name, role, entry.built_by, entry.cycle_model, cost, tuple(families)), ratings)
 
 
@@ -214,23 +217,29 @@ def _quantile(values: Sequence[float], share: float) -> Estimate | None:
 
 def compare(judged: Judged, against: Judged) -> Comparison:
     """Compare two entries in the same worlds."""
-    both = [
-        math.log(mine.rms_deg / other.rms_deg)
-        for world, mine in judged.ratings.items()
-        if (other := against.ratings[world]).outcome is mine.outcome is Outcome.ACCEPTED
-        and mine.rms_deg
-        and other.rms_deg
-    ]
-    logs = _quantile(both, 0.5)
-    error = None
-    if logs is not None:
-        low, high = (None if end is None else math.exp(end) for end in (logs.low, logs.high))
-        error = Estimate(math.exp(logs.value), low, high)
+    logs = {
+        family: [
+            math.log(mine.rms_deg / other.rms_deg)
+            for mine, other in zip(rated, against.ratings[family], strict=True)
+            if mine.outcome is other.outcome is Outcome.ACCEPTED and mine.rms_deg and other.rms_deg
+        ]
+        for family, rated in judged.ratings.items()
+    }
+    one_of_all = 1.0 - (1.0 - CONFIDENCE) / len(logs)
+    families = {family: _median_ratio(ratios, one_of_all) for family, ratios in logs.items() if ratios}
+    every = list(chain(*logs.values()))
+    error = _median_ratio(every, CONFIDENCE) if every else None
     new, old = judged.result, against.result
     can_rank = ranks_with(new, old) and new.cost.cycles and old.cost.cycles
     cycles = (new.cost.cycles or 0) / (old.cost.cycles or 1) if can_rank else None
     unusable = [entry.family(ALL).refused + entry.family(ALL).no_ellipsoid for entry in (new, old)]
-    return Comparison(error, cycles, unusable[0] - unusable[1])
+    return Comparison(error, families, cycles, unusable[0] - unusable[1])
+
+
+def _median_ratio(logs: Sequence[float], confidence: float) -> Estimate:
+    median_log = quantile(logs, 0.5, confidence)
+    low, high = (None if end is None else math.exp(end) for end in (median_log.low, median_log.high))
+    return Estimate(math.exp(median_log.value), low, high)
 
 
 def ranks_with(one: EntryResult | FilterResult, other: EntryResult | FilterResult) -> bool:
@@ -360,7 +369,9 @@ def describe(
     text = f"{result.name}: {', '.join(errors) or 'no accepted answer in the default clouds'}{cost}"
     if comparison and against and comparison.error:
         ratio = f"{comparison.cycles:.2f} x its cycles" if comparison.cycles else "cycles of another compiler"
-        text += f"; {comparison.error.value:.2f} x the error of {against.result.name}, {ratio}"
+        family, error = max(comparison.families.items(), key=lambda item: item[1].value)
+        text += f"; {comparison.error.value:.2f} x the error of {against.result.name}"
+        text += f" ({error.value:.2f} x in the worlds of {family}), {ratio}"
     return f"{text}."
 
 

@@ -15,7 +15,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number over random instances, with the interval that contains the true one at 95 % confidence."""
+    """A number over random instances, and the interval that contains the true one, at 95 % confidence unless stated."""
 
     value: float
     low: float | None
@@ -36,7 +36,7 @@ class Estimate:
         return Estimate(round(self.value, digits), low, high)
 
 
-def quantile(values: Iterable[float], share: float) -> Estimate:
+def quantile(values: Iterable[float], share: float, confidence: float = CONFIDENCE) -> Estimate:
     """Return a quantile with its interval from order statistics.
 
     Parameters
@@ -51,7 +51,7 @@ def quantile(values: Iterable[float], share: float) -> Estimate:
     """
     ordered = sorted(map(float, values))
     count = len(ordered)
-    low, high = (int(binom.ppf(tail, count, share)) for tail in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
+    low, high = (int(binom.ppf(tail, count, share)) for tail in ((1 - confidence) / 2, (1 + confidence) / 2))
     return Estimate(
         ordered[max(math.ceil(share * count), 1) - 1],
         ordered[low - 1] if low >= 1 else None,
