@@ -52,7 +52,7 @@ Exit codes:
     "--signature",
     metavar="FILE.toml",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Call functions with another signature, as this table maps it.",
+    help="Use this table to call functions with another signature.",
 )
 @click.option("--part", metavar="NAME|FILE", help="Count the cycles of an ELF with the memories of this chip.")
 @click.option("--against", metavar="FILE", help="Compare with this calibrator, in the same worlds.")
