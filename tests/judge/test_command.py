@@ -66,7 +66,7 @@ def test_a_limit_that_does_not_hold_fails_and_one_that_was_not_measured_is_not_e
 
 
 def test_a_worse_calibrator_than_the_other_is_a_regression(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    worse = MIDDLE.replace("0.5 * (low + high)", "0.5 * (low + high) + 1.0")
+    worse = MIDDLE.replace("0.5 * (low + high)", "0.5 * (low + high) - 1.0")
     (folder / "worse.py").write_text(worse, encoding="utf-8")
     assert judge("worse.py:calibrate", "--alone", "--against", "mine.py:calibrate", "--json") == 21
     document = checked(capsys.readouterr().out, "hiltest.judge/1")
