@@ -10,6 +10,7 @@
     LINE("direct-fast", magnetometer_direct_fast) \
     LINE("corrected", magnetometer_corrected)  \
     LINE("iterative", magnetometer_iterative)  \
+    LINE("inverse-iteration", magnetometer_inverse_iteration) \
     LINE("li", magnetometer_li)                \
     LINE("gauss-newton", magnetometer_gauss_newton) \
     LINE("gradient-descent", magnetometer_gradient_descent)

@@ -63,8 +63,7 @@ static FAST_CODE void assemble_7(const moments_t *s, jacobi_t *m)
 FAST_CODE void element_fit_matrix(const moments_t *sums, uint8_t elements, jacobi_t *matrix)
 {
     if (elements == TEN_ELEMENTS) {
-        ten_elements_assemble(sums, matrix);
-        ten_elements_scale(UNIT, matrix);
+        ten_elements_matrix(sums, UNIT, matrix);
     } else {
         assemble_7(sums, matrix);
     }

@@ -43,7 +43,16 @@ from hiltest.virtual.profiling.image import ProfiledImage
 pytestmark = pytest.mark.hil
 
 # Tests are collected before the board reports its calibrators; a warning names those missing here.
-CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent")
+CALIBRATORS = (
+    "direct",
+    "direct-fast",
+    "corrected",
+    "iterative",
+    "inverse-iteration",
+    "li",
+    "gauss-newton",
+    "gradient-descent",
+)
 STREAMS = ("direct-stream", "iterative-stream")
 SIZES = (30, 100, 300)
 PAIRS = (300, 500)  # 300 is the fewest that the firmware fits

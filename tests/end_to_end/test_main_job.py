@@ -19,7 +19,7 @@ from ..finished_run import without_volatile
 
 CALIBRATORS = ("direct", "direct-fast", "corrected", "iterative")
 # Those that the full set has for comparison.
-FURTHER = ("li", "gauss-newton", "gradient-descent")
+FURTHER = ("inverse-iteration", "li", "gauss-newton", "gradient-descent")
 # Beside them, against gravity: the paper's method is in the full set.
 DPI, JOINT = "dpi", "joint"
 PER_CALIBRATOR = (

@@ -138,6 +138,16 @@ def iterative() -> Costs:
         "`iterative`, 100 points [instructions]": called.instructions,
         "`iterative`, 100 points": called.cycles,
         "`iterative`: sums of the points": own_cycles(called)["moments_sum"],
+        "`iterative`: rotations": own_cycles(called)["jacobi_diagonalise"],
+    }
+
+
+def inverse_iteration() -> Costs:
+    called = profiled("inverse_iteration", 100)
+    own = own_cycles(called)
+    return {
+        "`inverse-iteration`, 100 points": called.cycles,
+        "`inverse-iteration`: its eigenvector": own["magnetometer_inverse_iteration"] + own["replace"],
     }
 
 
@@ -275,6 +285,7 @@ MEASURED = (
     direct,
     corrected,
     iterative,
+    inverse_iteration,
     direct_fast,
     packed_moments,
     kernel_of_a_pair,

@@ -17,7 +17,16 @@ from ..calibration.test_corrected import direction_error_deg
 from ..instances import instance
 from .conftest import CALIBRATION
 
-NAMES = ("direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent")
+NAMES = (
+    "direct",
+    "direct-fast",
+    "corrected",
+    "iterative",
+    "inverse-iteration",
+    "li",
+    "gauss-newton",
+    "gradient-descent",
+)
 # Points, noise [uT], and share of the sphere that they cover: from none refused to all.
 WORLDS = tuple(product((12, 30, 100, 400), (0.1, 0.4, 1.0, 2.5), ((0.05, 0.2), (0.2, 0.5), (0.5, 1.0))))
 

@@ -47,6 +47,7 @@ REFERENCES: dict[str, Calibrator] = {
     "direct-fast": fit_direct,
     "corrected": fit_corrected,
     "iterative": fit_iterative,
+    "inverse-iteration": fit_iterative,
     "li": fit_li,
     "fitzgibbon-ying": fit_fitzgibbon_ying,
     "merayo": fit_merayo,
@@ -65,11 +66,12 @@ BATCHES: dict[str, Callable[[ArrayLike], BatchFit]] = {
     name: entry.batch for name, entry in REFERENCES.items() if isinstance(entry, Reference)
 }
 # Calibrators of the packaged firmware.
-FIRMWARE = frozenset({"direct", "direct-fast", "corrected", "iterative", "li", "gauss-newton", "gradient-descent"})
+FIRMWARE = frozenset({"direct", "direct-fast", "corrected", "iterative"})
 # Calibrators of the firmware for comparison only: in the full set of tests, and in fits on request.
-FOR_COMPARISON = frozenset({"li", "gauss-newton", "gradient-descent"})
-# Calibrators that only differ in the computation of sums: in float64 they equal another one.
-FASTER = frozenset({"direct-fast"})
+FOR_COMPARISON = frozenset({"inverse-iteration", "li", "gauss-newton", "gradient-descent"})
+FIRMWARE |= FOR_COMPARISON
+# Calibrators that only differ in the computation of sums or of eigenvectors: in float64 they equal another one.
+FASTER = frozenset({"direct-fast", "inverse-iteration"})
 # Calibrators with no or almost no noise bias.
 _UNBIASED = frozenset({"corrected", "gauss-newton-geometric", "geometric", "hyper", "taubin"})
 
