@@ -12,7 +12,10 @@ import pytest
 from tests.command_files import run
 
 from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_180
+from hiltest.orientation.motion_recording import STANDARD_GRAVITY_M_S2
 from hiltest.world.earth_field import EarthField
+
+from .orientation.filters import swaying_motion
 
 pytestmark = pytest.mark.slow
 
@@ -115,11 +118,62 @@ def test_what_was_not_recorded_is_said(
     assert shown in output.out
 
 
+def archive(path: Path, *, rest_s: float = 4.0, bias_dps: float = 0.0) -> Path:
+    """Write a motion with its truth: rest, and 10 s of turning by up to 100 deg/s."""
+    motion, generator = swaying_motion(10.0, hz=200.0), np.random.default_rng(2)
+    still = round(200 * rest_s)
+
+    def held(values: np.ndarray, first: np.ndarray, noise: float = 0.0) -> np.ndarray:
+        held_values = np.concatenate([np.tile(first, (still, 1)), values])
+        return held_values + generator.normal(0.0, noise, held_values.shape)
+
+    x, y, z, w = held(motion.attitudes[1:], motion.attitudes[0]).T
+    np.savez(
+        path,
+        gyroscope_rad_s=np.radians(held(motion.rates_dps, np.zeros(3), 0.1) + bias_dps),
+        accelerometer_m_s2=-STANDARD_GRAVITY_M_S2 * held(motion.gravity_g, motion.gravity_g[0], 0.002),
+        magnetometer_ut=48.0 * held(motion.field, motion.field[0], 0.008),
+        quaternion_enu=math.sqrt(0.5) * np.stack([x + y, -z - w, z - w, x - y], axis=1),
+        movement=np.arange(still + len(motion.field)) >= still,
+        sampling_rate_hz=np.array(200.0),
+    )
+    return path
+
+
+def test_a_recording_with_true_attitudes_has_the_errors_of_the_filter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motion = archive(tmp_path / "trial.npz", bias_dps=1.5)
+    assert run("play", "--rig", str(RIGS / "virtual-k64f.toml"), "--recording", str(motion)) == 0
+    *_, table = capsys.readouterr().out.strip().split("\n\n")
+    first, *rows = (re.split(r" {2,}", line.strip()) for line in table.splitlines())
+    assert first == ["error of the attitude [deg rms]", "total", "heading", "inclination"]
+    errors = {name: tuple(map(float, cells)) for name, *cells in rows}
+    sources = ("attitude filter", "accelerometer and magnetometer", "gyroscope")
+    assert [name for name in errors if name.endswith("motion")] == [f"{source}, motion" for source in sources]
+    # Looks come up to 1.6 ms after a sample, and the nearest reading is up to 2.5 ms away: 0.2 degrees at 50 deg/s. The
+    # mean of 16 readings of field, from which the gyroscope begins, has 0.25, and three of them are 0.75. The bias of
+    # 1.5 deg/s, not subtracted, would turn its attitude by 15 degrees.
+    assert errors["attitude filter, motion"][0] < 0.4
+    assert errors["gyroscope, motion"][0] < 1.0
+    assert all(math.hypot(*parts) == pytest.approx(total, abs=0.02) for total, *parts in errors.values())
+
+
+def test_an_archive_without_a_rest_or_with_settings_of_a_table_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive(tmp_path / "field.npz", rest_s=1.5)
+    assert run("play", "--rig", rig(tmp_path, keys='playback = "field.npz"')) == 4
+    assert "a rest of 1.5 s before the motion; the filter needs a rest of 2 s" in capsys.readouterr().err
+    assert run("play", "--rig", rig(tmp_path, keys='playback = { file = "field.npz", rate_hz = 100.0 }')) == 4
+    assert "units, axes and times of an archive are fixed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "sensors", "keys", "complaint"),
     [
         (["play"], "ag", 'playback = "field.csv"', "world.playback: field.csv has no magnetometer to calibrate"),
-        (["play"], "mag", "", 'the rig has no recording: name one under [world], playback = "field.csv"'),
+        (["play"], "mag", "", 'name one with --recording, or under [world], playback = "field.csv"'),
         (["play", "--every", "0.1"], "mag", 'playback = { file = "field.csv", rate_hz = 0.1 }', "more than 10000 head"),
         (["play", "--firmware", "none.elf"], "mag", 'playback = "field.csv"', "none.elf"),
         (["run"], "mag", 'playback = "field.csv"', "a run is not possible with a recording"),

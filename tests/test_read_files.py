@@ -49,6 +49,7 @@ READING = {
     "log --firmware": ("log", "--seconds", "1", "--out", "log.csv", "--firmware", "{}"),
     "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),
     "play --firmware": ("play", "--rig", "field.toml", "--firmware", "{}"),
+    "play --recording": ("play", "--rig", "field.toml", "--recording", "{}"),
     "play --rig": ("play", "--rig", "{}"),
     "profile --part": ("profile", "shipped", "crc32", "text:123456789", "9", "--part", "{}"),
     "profile --profile": ("profile", "shipped", "crc32", "text:123456789", "9", "--profile", "{}"),
@@ -75,7 +76,7 @@ READING = {
 # As help calls what is a file and no click.Path.
 FILES = {"ELF", "FILE", "NAME|FILE", "FILE|COLUMN", "FILE|PORT"}
 # Files that end in this are taken for files, others for names of what ships.
-ENDS = {"fit imu --intervals": ".json"} | dict.fromkeys(
+ENDS = {"fit imu --intervals": ".json", "play --recording": ".npz"} | dict.fromkeys(
     ("profile --part", "profile --profile", "timing show --part", "timing show --profile"), ".toml"
 )
 # What takes a thousandth of a second for a file as it should be, and a start of Python besides.

@@ -35,7 +35,7 @@ static const command_t commands[] = {
     {0x1F, command_fit_gyroscope, 1, 1 + 8 * 58},
     {0x20, command_set_gyroscope, 48, 48},
     {0x21, command_get_gyroscope, 0, 0},
-    {0x22, command_start_fusion, 24, 24},
+    {0x22, command_start_fusion, 8, 8},
     {0x23, command_run_fusion, 4, 4},
     {0x24, command_read_fusion, 3, 3},
     {0x25, command_log_gyroscope, 6, 6},

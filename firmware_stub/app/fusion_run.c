@@ -3,20 +3,22 @@
 #include "boards/time_base.h"
 #include "calibration_slots.h"
 #include "gyroscope_calibration.h"
+#include "orientation/triad.h"
 #include "sensor_set.h"
 #include "sensors/sampler.h"
 #include "vector_statistics.h"
 
 #define RADIANS_PER_DEGREE 0.017453293f
 #define QUATERNION_SCALE 32767.0f
-/* Accelerometer and magnetometer alone have nothing to do with the filter's gate. */
-#define NO_GATE_G 1.0e6f
+#define SECONDS_PER_US 1.0e-6f
+
+static const float no_rate_rad_s[3];
 
 /* What was set up, and what is kept. */
 static struct {
     bool started;
     fusion_settings_t settings;
-    float first[4];
+    attitude_filter_t first;
     uint16_t count;
     fusion_record_t records[FUSION_RECORDS_MAXIMUM];
 } kept;
@@ -26,12 +28,12 @@ typedef struct {
     sampler_t gyroscope;
     sampler_t magnetometer;
     const sensor_t *accelerometer;
-    fusion_t fused;
-    fusion_t turned;
+    attitude_filter_t fused;
+    attitude_filter_t turned;
     float rate_rad_s[3]; /* the latest */
     bool rate_known;
     uint64_t at_us; /* of the attitudes */
-    uint32_t corrections;
+    uint32_t updates;
     fusion_summary_t *summary;
 } run_t;
 
@@ -59,15 +61,16 @@ static void calibrated(const float acceleration[3], const float magnetic[3], flo
     calibration_apply(slot_get(kept.settings.slot), magnetic, field);
 }
 
-/** Means of `readings` magnetometer samples and of the accelerometer's latest at each. */
-static sensor_status_t mean_at_rest(uint16_t readings, uint64_t deadline_us, float acceleration[3], float magnetic[3])
+/** Means of the magnetometer's samples and of the accelerometer's latest at each. */
+static sensor_status_t mean_at_rest(const sensor_t *magnetometer, uint64_t deadline_us, float acceleration[3],
+                                    float magnetic[3])
 {
     const sensor_t *accelerometer = sensor_set_selected(SENSOR_ACCELEROMETER);
     vector_statistics_t gravities = {0};
     vector_statistics_t fields = {0};
     sampler_t sampler;
-    sensor_status_t status = sampler_start(&sampler, sensor_set_selected(SENSOR_MAGNETOMETER));
-    for (uint16_t i = 0; i < readings && status == SENSOR_OK; i++) {
+    sensor_status_t status = sampler_start(&sampler, magnetometer);
+    for (uint16_t i = 0; i < kept.settings.readings && status == SENSOR_OK; i++) {
         sample_t sample;
         int16_t gravity[3];
         status = sampler_next(&sampler, &sample, deadline_us);
@@ -84,14 +87,14 @@ static sensor_status_t mean_at_rest(uint16_t readings, uint64_t deadline_us, flo
     return status;
 }
 
-status_t fusion_run_start(const fusion_settings_t *settings, uint16_t readings, uint64_t deadline_us, float attitude[4])
+status_t fusion_run_start(const fusion_settings_t *settings, uint64_t deadline_us, float attitude[4])
 {
     kept.started = false;
     kept.count = 0;
     kept.settings = *settings;
     const sensor_t *gyroscope = sensor_set_selected(SENSOR_GYROSCOPE);
-    if (sensor_set_selected(SENSOR_ACCELEROMETER) == NULL || sensor_set_selected(SENSOR_MAGNETOMETER) == NULL ||
-        gyroscope == NULL) {
+    const sensor_t *magnetometer = sensor_set_selected(SENSOR_MAGNETOMETER);
+    if (sensor_set_selected(SENSOR_ACCELEROMETER) == NULL || magnetometer == NULL || gyroscope == NULL) {
         return STATUS_SENSOR_ABSENT;
     }
     if (slot_get(settings->slot) == NULL) {
@@ -101,32 +104,48 @@ status_t fusion_run_start(const fusion_settings_t *settings, uint16_t readings, 
     float acceleration[3], magnetic[3], gravity_g[3], field[3];
     sensor_status_t status = sampler_start(&woken, gyroscope);
     if (status == SENSOR_OK) {
-        status = mean_at_rest(readings, deadline_us, acceleration, magnetic);
+        status = mean_at_rest(magnetometer, deadline_us, acceleration, magnetic);
     }
     if (status != SENSOR_OK) {
         return status_of_sensor(status);
     }
     calibrated(acceleration, magnetic, gravity_g, field);
-    if (fusion_triad(gravity_g, field, NO_GATE_G, attitude) != FUSION_OK) {
+    /* The bias is that of gyroscope_rate(). The mean counts for the time of its samples. */
+    const uint32_t rest_us = settings->readings * magnetometer->driver->period_us;
+    attitude_filter_init(&kept.first, no_rate_rad_s);
+    (void)attitude_filter_turn(&kept.first, no_rate_rad_s, SECONDS_PER_US * (float)rest_us);
+    if (attitude_filter_correct(&kept.first, gravity_g, field) != ATTITUDE_FILTER_OK) {
         return STATUS_DEGENERATE_FIELD;
     }
-    for (uint32_t i = 0; i < 4u; i++) {
-        kept.first[i] = attitude[i];
-    }
+    attitude_filter_attitude(&kept.first, attitude);
     kept.started = true;
     return STATUS_OK;
 }
 
-/** Bring the attitudes to a moment by a rate that counts as constant since the last one. */
-static void predict_until(run_t *run, uint64_t now_us, const float rate_rad_s[3])
+/** Seconds from the moment of the attitudes to another one, which becomes theirs. */
+static float seconds_until(run_t *run, uint64_t now_us)
 {
-    const fusion_noise_t *noise = &kept.settings.noise;
-    const float dt_s = (float)(uint32_t)(now_us - run->at_us) * 1.0e-6f;
-    if (timed_predict(&run->summary->predicted, &run->fused, noise, rate_rad_s, dt_s) != FUSION_OK) {
-        run->summary->bad_steps++;
-    }
-    (void)fusion_predict(&run->turned, noise, rate_rad_s, dt_s);
+    const float dt_s = SECONDS_PER_US * (float)(uint32_t)(now_us - run->at_us);
     run->at_us = now_us;
+    return dt_s;
+}
+
+/** Count a step that was not, or not wholly, taken. */
+static void count_omission(fusion_summary_t *summary, attitude_filter_status_t status)
+{
+    switch (status) {
+    case ATTITUDE_FILTER_NO_ATTITUDE:
+        summary->no_attitude++;
+        break;
+    case ATTITUDE_FILTER_FIELD_LEFT_OUT:
+        summary->field_left_out++;
+        break;
+    case ATTITUDE_FILTER_BAD_STEP:
+        summary->bad_steps++;
+        break;
+    case ATTITUDE_FILTER_OK:
+        break;
+    }
 }
 
 /** A new rate: from the last one to this, their mean. Half a period of an old rate would be an angle that comes late. */
@@ -141,7 +160,9 @@ static void take_rate(run_t *run, const sample_t *sample)
         run->rate_rad_s[axis] = rate_rad_s;
     }
     run->rate_known = true;
-    predict_until(run, sample->time_us, mean_rad_s);
+    const float dt_s = seconds_until(run, sample->time_us);
+    count_omission(run->summary, attitude_filter_turn(&run->fused, mean_rad_s, dt_s));
+    (void)attitude_filter_turn(&run->turned, mean_rad_s, dt_s);
 }
 
 static void store(int16_t stored[4], const float attitude[4])
@@ -161,7 +182,7 @@ static void keep(const run_t *run, const float measured[4])
     kept.count++;
 }
 
-/** A new field, with the accelerometer's latest: correct, and keep one in so many. */
+/** A new field, with the accelerometer's latest: update by the latest rate, and keep one in so many. */
 static sensor_status_t take_field(run_t *run, const sample_t *sample)
 {
     int16_t latest[3];
@@ -173,21 +194,13 @@ static sensor_status_t take_field(run_t *run, const sample_t *sample)
     to_floats(latest, acceleration);
     to_floats(sample->body, magnetic);
     calibrated(acceleration, magnetic, gravity_g, field);
-    predict_until(run, sample->time_us, run->rate_rad_s);
-    switch (timed_update(&run->summary->updated, &run->fused, &kept.settings.noise, gravity_g, field)) {
-    case FUSION_NO_ATTITUDE:
-        run->summary->no_attitude++;
-        break;
-    case FUSION_ACCELERATED:
-        run->summary->accelerated++;
-        break;
-    case FUSION_OK:
-    case FUSION_BAD_STEP:
-        break;
-    }
-    if (run->corrections++ % kept.settings.every == 0u) {
+    const float dt_s = seconds_until(run, sample->time_us);
+    count_omission(run->summary,
+                   timed_update(&run->summary->costs, &run->fused, run->rate_rad_s, gravity_g, field, dt_s));
+    (void)attitude_filter_turn(&run->turned, run->rate_rad_s, dt_s);
+    if (run->updates++ % kept.settings.every == 0u) {
         float measured[4] = {0};
-        (void)fusion_triad(gravity_g, field, NO_GATE_G, measured);
+        (void)triad(gravity_g, field, measured);
         keep(run, measured);
     }
     return SENSOR_OK;
@@ -199,8 +212,7 @@ static sensor_status_t begin(run_t *run)
     if (status == SENSOR_OK) {
         status = sampler_start(&run->magnetometer, run->magnetometer.sensor);
     }
-    fusion_start(&run->fused, &kept.settings.noise, kept.first);
-    fusion_start(&run->turned, &kept.settings.noise, kept.first);
+    run->fused = run->turned = kept.first;
     kept.count = 0;
     run->summary->began_us = run->at_us = time_us();
     return status;

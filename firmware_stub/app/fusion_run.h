@@ -1,9 +1,9 @@
 /**
  * @file fusion_run.h
- * @brief The fusion filter on the board's own sensors while it moves, and what it found, kept until a command asks.
+ * @brief The attitude filter on the board's own sensors while it moves, and what it found, kept until a command asks.
  *
  * Three attitudes run side by side: fused, from accelerometer and magnetometer alone, and from the gyroscope alone. The gyroscope
- * predicts at its own rate; each new magnetometer sample, with the accelerometer's latest, corrects at the moment it was found.
+ * turns at its own rate; each new magnetometer sample, with the accelerometer's latest, updates at the moment it was found.
  */
 #ifndef HILTEST_FUSION_RUN_H
 #define HILTEST_FUSION_RUN_H
@@ -14,7 +14,7 @@
 /** 12.8 s of every sample of a magnetometer at 80 Hz. */
 #define FUSION_RECORDS_MAXIMUM 1024u
 
-/** Attitudes at one correction: quaternions x, y, z, w, body to north-east-down, in parts of 32767; all 0 for none. */
+/** Attitudes at one update: quaternions x, y, z, w, body to north-east-down, in parts of 32767; all 0 for none. */
 typedef struct {
     uint32_t time_us; /**< since the run began */
     int16_t fused[4];
@@ -24,21 +24,20 @@ typedef struct {
 
 /** What a run did. */
 typedef struct {
-    uint64_t began_us;      /**< on the board's clock */
-    uint16_t records;       /**< kept */
-    uint16_t no_attitude;   /**< corrections left out: field parallel to gravity, or none */
-    uint16_t accelerated;   /**< corrections left out: gravity not 1 g within the gate */
-    uint16_t bad_steps;     /**< predictions left out */
-    uint16_t overruns;      /**< samples lost unread */
-    step_costs_t predicted; /**< of the fused attitude alone */
-    step_costs_t updated;
+    uint64_t began_us;       /**< on the board's clock */
+    uint16_t records;        /**< kept */
+    uint16_t no_attitude;    /**< updates that only turned: gravity is unusable */
+    uint16_t field_left_out; /**< updates that left the heading: the field is disturbed, vertical or none */
+    uint16_t bad_steps;      /**< steps left out */
+    uint16_t overruns;       /**< samples lost unread */
+    update_costs_t costs;    /**< of the fused attitude alone */
 } fusion_summary_t;
 
 /** How to run. */
 typedef struct {
-    uint8_t slot;  /**< of the calibrations */
-    uint8_t every; /**< one in so many corrections is kept, from 1 */
-    fusion_noise_t noise;
+    uint8_t slot;      /**< of the calibrations */
+    uint8_t every;     /**< one in so many updates is kept, from 1 */
+    uint16_t readings; /**< for the first attitude */
 } fusion_settings_t;
 
 /**
@@ -46,7 +45,7 @@ typedef struct {
  *
  * @param[out] attitude quaternion as above, in full
  */
-status_t fusion_run_start(const fusion_settings_t *settings, uint16_t readings, uint64_t deadline_us, float attitude[4]);
+status_t fusion_run_start(const fusion_settings_t *settings, uint64_t deadline_us, float attitude[4]);
 
 /** Run until a point in time, or until as many records are kept as there is room for. NO_CALIBRATION without a start. */
 status_t fusion_run(uint64_t until_us, fusion_summary_t *summary);

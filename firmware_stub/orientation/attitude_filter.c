@@ -1,15 +1,8 @@
 #include "attitude_filter.h"
 
 #include "calibration/fast_code.h"
-#include "fusion.h"
 #include "quaternion.h"
-
-/* Squares of norms between which a vector counts as one: float32 has room for all that follows. */
-#define SMALLEST_SQUARE 1.0e-12f
-#define LARGEST_SQUARE 1.0e12f
-
-/* The first attitude may be taken in motion. */
-#define NO_GATE_G 1.0e6f
+#include "triad.h"
 
 /* Longest time that one correction stands for; after a gap the sensors show one moment of it. */
 #define LONGEST_CORRECTION_S 1.0f
@@ -76,7 +69,7 @@ FAST_CODE attitude_filter_status_t attitude_filter_turn(attitude_filter_t *state
 FAST_CODE __attribute__((noinline)) static attitude_filter_status_t start(attitude_filter_t *state, const float gravity_g[3],
                                                                           const float field[3])
 {
-    if (fusion_triad(gravity_g, field, NO_GATE_G, state->attitude) != FUSION_OK) {
+    if (!triad(gravity_g, field, state->attitude)) {
         return ATTITUDE_FILTER_NO_ATTITUDE;
     }
     float north[3], east[3], down[3];

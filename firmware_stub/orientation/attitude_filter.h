@@ -68,6 +68,10 @@ void attitude_filter_init(attitude_filter_t *state, const float bias_rad_s[3]);
 attitude_filter_status_t attitude_filter_update(attitude_filter_t *state, const float rate_rad_s[3],
                                                 const float gravity_g[3], const float field[3], float dt_s);
 
+/** Do nothing: the cost of calling an update is measured with it. */
+attitude_filter_status_t empty_attitude_filter_update(attitude_filter_t *state, const float rate_rad_s[3],
+                                                      const float gravity_g[3], const float field[3], float dt_s);
+
 /** Only turn the attitude, if the gyroscope is faster than the others. Parameters as in attitude_filter_update(). */
 attitude_filter_status_t attitude_filter_turn(attitude_filter_t *state, const float rate_rad_s[3], float dt_s);
 

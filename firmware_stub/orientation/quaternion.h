@@ -14,6 +14,10 @@
 /** (pi/2)^2: half of half a turn, squared. */
 #define LONGEST_HALF_SQUARE 2.4674011f
 
+/* Squares of norms between which a vector counts as one: float32 has room for all that follows. */
+#define SMALLEST_SQUARE 1.0e-12f
+#define LARGEST_SQUARE 1.0e12f
+
 #define INLINE static inline __attribute__((always_inline))
 
 INLINE float dot3(const float a[3], const float b[3])

@@ -11,7 +11,7 @@
 
 #include "stuffing.h"
 
-#define PROTOCOL_VERSION 8u
+#define PROTOCOL_VERSION 9u
 #define PAYLOAD_MAXIMUM 1024u
 #define REPLY_BIT 0x80u
 

@@ -1,9 +1,6 @@
-"""Cycles of accelerometer fits, tilt-compensated heading and steps of the fusion filter, over random attitudes."""
+"""Cycles of accelerometer fits, tilt-compensated heading and updates of the attitude filter, over random attitudes."""
 
 from __future__ import annotations
-
-import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -28,8 +25,6 @@ FIELD_UT, DIP_DEG = 48.5, 62.0
 # Random attitudes, as in firmware_stub/DESIGN.md. At multiples of 90 degrees arc tangents return early, and a heading
 # takes half of the usual cycles.
 ATTITUDES = [pose_of(normalised(quaternion)) for quaternion in np.random.default_rng(1).normal(size=(300, 4))]
-# Noise of rates, tilts and headings [rad^2/s, rad^2, rad^2] for the filter, and its gate [g].
-NOISE = np.array([math.radians(0.2) ** 2, math.radians(0.3) ** 2, math.radians(1.2) ** 2, 0.1], np.float32)
 RATE_RAD_S = np.array([0.1, -0.2, 0.5], np.float32)
 STEP_S = 0.005
 
@@ -64,24 +59,15 @@ def test_tilt_heading(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles
     benchmark_cycles("heading", headings)
 
 
-def test_fusion_prediction(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
-    model, steps = step_cycles(firmware, "predict", [(state(pose), NOISE, RATE_RAD_S, STEP_S) for pose in ATTITUDES])
-    benchmark_cycles("fusion step", steps, cycle_model=model)
+def test_attitude_filter_turn(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
+    turns = [call(firmware, "attitude_filter_turn", state(pose), RATE_RAD_S, STEP_S) for pose in ATTITUDES]
+    benchmark_cycles("attitude filter", turns)
 
 
-def test_fusion_correction(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
+def test_attitude_filter_update(firmware: ProfiledImage, benchmark_cycles: BenchmarkCycles) -> None:
     # The state is a few degrees off the measured attitude.
-    inputs = [(state(nearby(pose)), NOISE, *body_vectors(pose)) for pose in ATTITUDES]
-    model, steps = step_cycles(firmware, "update", inputs)
-    benchmark_cycles("fusion step", steps, cycle_model=model)
-
-
-def step_cycles(firmware: ProfiledImage, step: str, inputs: Sequence[Sequence[Argument]]) -> tuple[str, list[int]]:
-    """Return the cycle model, and the cycles of each step less those of an empty one, as the firmware counts them."""
-    empty = call(firmware, f"empty_fusion_{step}", *inputs[0])
-    return empty.cycle_model, [
-        call(firmware, f"fusion_{step}", *arguments).cycles - empty.cycles for arguments in inputs
-    ]
+    inputs = [(state(nearby(pose)), RATE_RAD_S, *body_vectors(pose), STEP_S) for pose in ATTITUDES]
+    benchmark_cycles("attitude filter", [call(firmware, "attitude_filter_update", *arguments) for arguments in inputs])
 
 
 def call(firmware: ProfiledImage, function: str, *arguments: Argument) -> CallProfile:
@@ -111,9 +97,13 @@ def still_pose(pose: Pose, face: Face) -> StillPose:
     return StillPose(magnetometer, np.full(3, 4.0), accelerometer.astype(np.float64), np.full(3, 8.0), 16, face)
 
 
-def state(pose: Pose) -> NDArray[np.float32]:
-    """Return the filter's state (fusion_t) at an attitude, with the variances of a measured one."""
-    return np.array([*from_pose(pose), NOISE[1], NOISE[2]], np.float32)
+def state(pose: Pose) -> NDArray[np.uint8]:
+    """Return the filter's state (attitude_filter_t) at an attitude, long after its start."""
+    sine, cosine = sin_cos_deg(DIP_DEG)
+    no_bias, no_tilt_rate, age_s, uncorrected_s = (0.0, 0.0, 0.0), (0.0, 0.0), 100.0, 0.0
+    field_ut = (FIELD_UT * cosine, FIELD_UT * sine)
+    words = np.array([*from_pose(pose), *no_bias, *no_tilt_rate, *field_ut, age_s, uncorrected_s], np.float32)
+    return np.append(np.frombuffer(words.tobytes(), np.uint8), np.array([1, 0, 0, 0], np.uint8))
 
 
 def nearby(pose: Pose) -> Pose:

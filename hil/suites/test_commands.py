@@ -127,7 +127,7 @@ def valid_requests(board: Board) -> list[Request[Any]]:
         IntegrateGyroscope(100),
         LogGyroscope(1),
         SetGyroscope(*SECOND),
-        FusionStart(0, 1, 1, 0.01, 1.0, 1.0, 0.1),
+        FusionStart(0, 1, 1),
         FusionRun(1),
         FusionRead(0, 1),
     ]

@@ -21,7 +21,6 @@ from hiltest.procedures import (
     Tumble,
     Turntable,
     calibrate_while_driving,
-    filter_noise,
     heading_errors_deg,
     measure_driving,
 )
@@ -41,17 +40,11 @@ RIGHT_DEG = 2.0
 def drive(board: Board, turntable: Turntable, rig: Rig, calibrations: Mapping[str, CalibratorRun]) -> DrivingResult:
     """Headings of the filter, of the gyroscope alone and of the magnetometer alone during the disturbances."""
     assert rig.world is not None
-    noise = filter_noise(
-        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
-        field_ut=rig.field.strength_ut,
-        dip_deg=rig.field.dip_deg,
-    )
     return measure_driving(
         board,
         turntable,
         begins_s=min(disturbance.begins_s for disturbance in rig.world.disturbances.values()),
         slot=calibrations[CALIBRATOR].slot,
-        noise=noise,
         readings=rig.procedure.readings_per_pose,
     )
 
@@ -88,7 +81,7 @@ def test_time_to_recover(drive: DrivingResult, measure: Measure) -> None:
 
 def test_whether_the_firmware_says_that_it_does_not_know(drive: DrivingResult, measure: Measure) -> None:
     summary = drive.motion.summary
-    measure("driving.fusion.left_out", summary.no_attitude + summary.accelerated, "")
+    measure("driving.fusion.left_out", summary.no_attitude + summary.field_left_out, "")
     for source, errors in drive.headings.items():
         measure(f"driving.{source}.unsaid", errors.unsaid_s, "s")
 

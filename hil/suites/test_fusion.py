@@ -1,4 +1,4 @@
-"""Attitude of the Kalman filter during a motion, compared with each half alone: gyroscope; accelerometer and field."""
+"""Attitude of the filter during a motion, compared with each half alone: gyroscope; accelerometer and field."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from hiltest.procedures import (
     FusionResult,
     Progress,
     Turntable,
-    filter_noise,
     measure_fusion,
 )
 from hiltest.rig import Rig
@@ -36,17 +35,11 @@ def motion(
     gyroscope_calibration: FittedTurns,
     hil_progress: Progress,
 ) -> FusionResult:
-    """Errors of the fusion filter during turns and tilts, with the stored gyroscope calibration."""
-    noise = filter_noise(
-        magnetometer_sigma_ut=rig.sensors.magnetometer_noise_ut,
-        field_ut=rig.field.strength_ut,
-        dip_deg=rig.field.dip_deg,
-    )
+    """Errors of the attitude filter during turns and tilts, with the stored gyroscope calibration."""
     return measure_fusion(
         board,
         turntable,
         slot=calibrations[CALIBRATOR].slot,
-        noise=noise,
         readings=rig.procedure.readings_per_pose,
         bias_s=rig.procedure.gyroscope_rest_s,
         progress=hil_progress,
@@ -62,18 +55,15 @@ def test_attitude_during_a_motion(motion: FusionResult, measure: Measure) -> Non
 
 
 def test_every_sample_of_the_motion_is_used(motion: FusionResult, measure: Measure) -> None:
-    summary = motion.summary
-    left_out = summary.no_attitude + summary.accelerated + summary.bad_steps + summary.overruns
-    measure("fusion.corrections", summary.updated.steps, "")
-    measure("fusion.left_out", left_out, "")
+    measure("fusion.updates", motion.summary.costs.updates, "")
+    measure("fusion.left_out", motion.summary.left_out, "")
 
 
-def test_cycles_of_a_step(motion: FusionResult, measure: Measure) -> None:
-    predicted, updated = motion.summary.predicted, motion.summary.updated
-    for name, costs, band in (("predict", predicted, motion.predict_range), ("update", updated, motion.update_range)):
-        largest = costs.largest and costs.largest.cycles
-        measure(f"cycles.fusion.{name}", largest, "cycle", cycle_model=motion.cycle_model, band=band)
-        measure(f"cycles.fusion.{name}.mean", costs.mean_cycles, "cycle", cycle_model=motion.cycle_model)
+def test_cycles_of_an_update(motion: FusionResult, measure: Measure) -> None:
+    costs, model = motion.summary.costs, motion.cycle_model
+    largest = costs.largest and costs.largest.cycles
+    measure("cycles.fusion.update", largest, "cycle", cycle_model=model, band=motion.cycle_range)
+    measure("cycles.fusion.update.mean", costs.mean_cycles, "cycle", cycle_model=model)
 
 
 def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:

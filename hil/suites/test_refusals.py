@@ -250,8 +250,8 @@ def cases(board: Board) -> Iterator[Case]:
     yield Case(SetGyroscope, "12f", UNIT, not_finite(*range(12)))
     yield Case(
         FusionStart,
-        "BBHI4f",
-        (slot, 1, 8, ENOUGH_US, 0.2, 0.3, 1.2, 0.1),
+        "BBHI",
+        (slot, 1, 8, ENOUGH_US),
         (
             (0, *no_slot),
             (1, BAD, 0),
@@ -260,13 +260,9 @@ def cases(board: Board) -> Iterator[Case]:
             (2, OK, 1),
             (3, *LATE),
             (3, TIMEOUT, 0, 20_000),
-            ((4, 5, 6), BAD, 0.0, 9e-5, 181.0, nan, inf),
-            ((4, 5, 6), OK, 1e-4, 180.0),
-            (7, BAD, -0.1, nan),
-            (7, OK, 0.0),
         ),
     )
-    yield Case(FusionRun, "I", (100_000,), ((0, BAD, 0, LONGEST_US + 1, 0xFFFF_FFFF), (0, TIMEOUT, 1)))
+    yield Case(FusionRun, "I", (100_000,), ((0, BAD, 0, 5 * LONGEST_US + 1, 0xFFFF_FFFF), (0, TIMEOUT, 1)))
     yield Case(FusionRead, "HB", (0, 36), ((0, BAD, 0xFFFF), (1, BAD, 37, 255), (1, OK, 0)))
     yield Case(
         LogGyroscope,
@@ -428,7 +424,7 @@ def test_a_stream_says_which_point_it_has_no_room_for(board: Board) -> None:
 def test_fusion_needs_a_calibration_and_a_start(board: Board, turntable: Turntable) -> None:
     turntable.rest()
     slot = board.identity.slots - 1
-    start = FusionStart(slot, 1, 8, 0.2, 0.3, 1.2, 0.1)
+    start = FusionStart(slot, 1, 8)
     prepare(board)
     board.session.request(start)
     board.session.request(ClearCalibration(slot))

@@ -217,7 +217,7 @@ def test_a_moving_board_gives_no_bias(board: Board, stage: Stage) -> None:
 
 @dataclass(frozen=True)
 class Filtered:
-    """Results of the fusion filter for a turn."""
+    """Results of the attitude filter for a turn."""
 
     seconds: float
     began: Pose
@@ -227,10 +227,10 @@ class Filtered:
 
 
 def run_filter(board: Board, stage: Stage, rig: Rig, turn_deg: float) -> Filtered:
-    """Run the fusion filter at rest or during a turn; return attitudes by the gyroscope alone, and by the field."""
+    """Run the attitude filter at rest or during a turn; return attitudes by the gyroscope alone, and by the field."""
     slot = board.identity.slots - 1
     board.session.request(SetCalibration(slot, np.eye(3) / (rig.field.strength_ut * COUNTS_PER_UT), np.zeros(3)))
-    board.session.request(FusionStart(slot, 8, 16, 0.025, 1.0, 2.0, 0.1))
+    board.session.request(FusionStart(slot, 8, 16))
     takes_s = stage.turn_round(turn_deg, rate_dps=90.0, after_s=0.2) if turn_deg else 1.0
     summary = board.session.request(FusionRun(round(1e6 * (takes_s + 0.2))))
     first, last = (board.session.request(FusionRead(index, 1)) for index in (0, summary.records - 1))

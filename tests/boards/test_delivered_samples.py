@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from hiltest.boards.delivered_samples import DeliveredSamples, Samples
 from hiltest.errors import FirmwareContradictionError
-from hiltest.link.fusion import FusionRead, FusionRecords, FusionRun, FusionStart, FusionSummary, StepCosts
+from hiltest.link.fusion import FusionRead, FusionRecords, FusionRun, FusionStart, FusionSummary, UpdateCosts
 from hiltest.link.gyroscope import (
     IntegrateGyroscope,
     IntegrateGyroscopeReply,
@@ -25,9 +25,8 @@ from hiltest.link.gyroscope import (
 )
 from hiltest.link.messages import Average, ClearPoints, Collect, Points, Read, SetCalibration, Upload
 from hiltest.link.replies import AverageReply, CollectReply, PointsReply, ReadReply, SensorInfo, SensorKind, Statistic
-from hiltest.orientation.fusion import FusionNoise, triad
-
-from ..orientation.filters import Reference
+from hiltest.orientation.attitude_filter import AttitudeFilter
+from hiltest.orientation.triad import triad
 
 MAGNETOMETER, ACCELEROMETER, GYROSCOPE = (
     SensorInfo(number, kind, 1, 0x10 + number, 0xC4, 0xC4, True, True, kind.name.lower())
@@ -261,7 +260,7 @@ def test_points_from_the_host_and_of_an_unknown_buffer_are_not_checked() -> None
 
 
 BIAS, UNIT_FIELD = np.array([3.0, -5.0, 8.0]), np.eye(3) / 485.0
-START = FusionStart(2, 2, 4, 0.2, 0.3, 1.2, 0.1)
+START = FusionStart(2, 2, 4)
 RATES = series(TURN // 10)
 FIELDS = series(np.random.default_rng(8).integers(-4, 4, (57, 3)) + np.array([230, 10, 430]), first_s=BEGIN_S + 0.0023)
 GRAVITIES = series(
@@ -269,26 +268,31 @@ GRAVITIES = series(
 )
 
 
-def filtered(start: FusionStart, rates: Samples, fields: Samples, late_s: float) -> FusionRecords:
-    """Run the filter by its matrices as PROTOCOL.md describes it: 0.25 ms before each transfer is its look."""
-    noise = FusionNoise(start.rate_dps_rthz, start.tilt_deg, start.heading_deg, start.gate_g)
-    first = triad(GRAVITIES.counts[-4:].mean(axis=0), FIELDS.counts[-4:].mean(axis=0))
-    fused, alone, at_s, rate_dps, records = Reference(noise, first), Reference(noise, first), BEGIN_S, None, []
+def filtered(rates: Samples, fields: Samples, late_s: float, rest_s: float) -> FusionRecords:
+    """Run the filter as PROTOCOL.md describes it: 0.25 ms before each transfer is its look."""
+    fused, alone = AttitudeFilter(np.zeros(3)), AttitudeFilter(np.zeros(3))
+    for attitude_filter in (fused, alone):
+        attitude_filter.turn(np.zeros(3), rest_s)
+        attitude_filter.correct(
+            GRAVITIES.counts[-4:].mean(axis=0) / 8192.0, UNIT_FIELD @ FIELDS.counts[-4:].mean(axis=0)
+        )
+    at_s, rate_rad_s, records = BEGIN_S, None, []
     events = [(time_s, 0, number) for number, time_s in enumerate(rates.time_s - 0.25e-3)]
     events += [(time_s, 1, number) for number, time_s in enumerate(fields.time_s - 0.25e-3)]
     for time_s, is_field, number in sorted(events):
-        before_dps = rate_dps
+        before_rad_s = rate_rad_s
         if not is_field:
-            rate_dps = (rates.counts[number] - BIAS) / 16.0
-        assert rate_dps is not None
-        for each in (fused, alone):
-            each.predict(rate_dps if before_dps is None else 0.5 * (rate_dps + before_dps), time_s - at_s)
+            rate_rad_s = np.radians((rates.counts[number] - BIAS) / 16.0)
+        assert rate_rad_s is not None
+        for attitude_filter in (fused, alone):
+            mean_rad_s = rate_rad_s if before_rad_s is None else 0.5 * (rate_rad_s + before_rad_s)
+            attitude_filter.turn(mean_rad_s, time_s - at_s)
         at_s = time_s
         if is_field:
             vectors = GRAVITIES.counts[number] / 8192.0, UNIT_FIELD @ fields.counts[number]
-            fused.update(*vectors)
+            fused.correct(*vectors)
             records.append((time_s - BEGIN_S + late_s, fused.attitude, triad(*vectors), alone.attitude))
-    times_s, *attitudes = zip(*records[:: start.every], strict=True)
+    times_s, *attitudes = zip(*records[:: START.every], strict=True)
     rounded = (np.rint(32_767 * np.array(rows)) / 32_767 for rows in attitudes)
     return FusionRecords(np.rint(1e6 * np.array(times_s)).astype(np.int64), *rounded)
 
@@ -298,30 +302,31 @@ def filtered(start: FusionStart, rates: Samples, fields: Samples, late_s: float)
     [
         ({}, ""),
         ({"first": 0.002}, r"first attitude does not follow from the samples .* \(0.458 degrees apart\)"),
-        ({"steps": 58}, "answers 58 corrections, and the sensors' samples make 57"),
+        ({"steps": 58}, "answers 58 updates, and the sensors' samples make 57"),
         ({"late_s": 0.004}, r"time of magnetometer sample 0 is 3.75 ms after it was read"),
         ({"fields": FIELDS.counts[::-1]}, "attitude of accelerometer and magnetometer does not follow"),
         ({"rates": RATES.counts * [1, -1, 1]}, "attitude of the gyroscope does not follow"),
-        ({"start": replace(START, rate_dps_rthz=5.0)}, "attitude of the filter does not follow"),
+        ({"rest_s": 0.0}, "attitude of the filter does not follow"),
+        ({"left_out": 1}, "answers 1 updates with FIELD_LEFT_OUT, not 0"),
     ],
-    ids=["honest", "first attitude", "steps", "times", "fields", "rates", "settings"],
+    ids=["honest", "first attitude", "steps", "times", "fields", "rates", "weight of the first attitude", "left out"],
 )
 def test_attitudes_of_the_filter_follow_from_samples(change: dict, fault: str) -> None:
     firmware = Firmware(magnetometer=FIELDS, accelerometer=GRAVITIES, gyroscope=RATES)
     firmware.answer(SetCalibration(2, UNIT_FIELD, np.zeros(3)), None)
     firmware.answer(SetGyroscope(np.eye(3) / 16.0, BIAS), None)
     records = filtered(
-        change.get("start", START),
         RATES._replace(counts=change.get("rates", RATES.counts)),
         FIELDS._replace(counts=change.get("fields", FIELDS.counts)),
         change.get("late_s", 0.0),
+        change.get("rest_s", 4 * FIELDS.period_s),
     )
     first = triad(GRAVITIES.counts[-4:].mean(axis=0), FIELDS.counts[-4:].mean(axis=0)) + change.get("first", 0.0)
-    corrections, predictions = StepCosts(change.get("steps", 57), None, None), StepCosts(117, None, None)
+    costs, left_out = UpdateCosts(change.get("steps", 57), None, None), change.get("left_out", 0)
 
     def answer() -> None:
         firmware.answer(START, first)
-        firmware.answer(FusionRun(1), FusionSummary(round(1e6 * BEGIN_S), 29, 0, 0, 0, 0, predictions, corrections))
+        firmware.answer(FusionRun(1), FusionSummary(round(1e6 * BEGIN_S), 29, 0, left_out, 0, 0, costs))
         firmware.answer(FusionRead(0), records)
 
     if not fault:

@@ -22,6 +22,6 @@ def test_the_command_measures_what_the_page_says(tmp_path: Path) -> None:
     assert len(ROWS) == 3
     for name, *row in ROWS:
         heading, heading_99, tilt, tilt_99 = map(float, row)
-        # One seed of 300: below the 99th percentile, and not far below the median.
+        # One seed of 1000: below the 99th percentile, and not far below the median.
         assert heading / 4.0 < measured[f"{name}.heading.rms"] < heading_99
         assert tilt / 4.0 < measured[f"{name}.tilt.rms"] < tilt_99

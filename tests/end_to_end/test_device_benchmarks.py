@@ -47,7 +47,7 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
 
 def test_every_calibrator_of_the_firmware_has_its_rows(board: Board, rows: dict[str, dict[str, Any]]) -> None:
     kernels = {row["group"].partition(",")[0] for row in rows.values()}
-    assert {*board.identity.calibrators, "dpi", "accelerometer fit", "fusion step", "heading"} <= kernels
+    assert {*board.identity.calibrators, "dpi", "accelerometer fit", "attitude filter", "heading"} <= kernels
     assert {f"test_new_point[{name}]" for name in board.identity.stream_calibrators} <= rows.keys()
     assert {row["extra_info"]["cycle_model"] for row in rows.values() if row["group"].startswith("direct,")} == {
         board.cycle_model
@@ -69,13 +69,13 @@ def test_the_numbers_are_those_of_the_board(board: Board, rows: dict[str, dict[s
         assert rows[f"test_against_gravity[{pairs}]"]["stats"]["data"][0] == sizes[pairs]
 
 
-def test_headings_and_fusion_steps_take_what_the_kernels_take_by_themselves(rows: dict[str, dict[str, Any]]) -> None:
-    heading, predict, update = (
-        rows[f"test_{name}"]["stats"] for name in ("tilt_heading", "fusion_prediction", "fusion_correction")
+def test_headings_and_updates_of_the_filter_take_what_the_kernels_take(rows: dict[str, dict[str, Any]]) -> None:
+    heading, turn, update = (
+        rows[f"test_{name}"]["stats"] for name in ("tilt_heading", "attitude_filter_turn", "attitude_filter_update")
     )
-    assert (heading["min"], round(heading["mean"]), heading["max"]) == (730, 840, 900)
-    assert predict["min"] == predict["max"] == 126
-    assert (update["min"], update["max"]) == (387, 390)
+    assert (heading["min"], round(heading["mean"]), heading["max"]) == (746, 857, 916)
+    assert turn["min"] == turn["max"] == 155
+    assert update["min"] == update["max"] == 537
 
 
 def test_a_calibrator_that_is_in_no_list_is_named(tmp_path: Path) -> None:

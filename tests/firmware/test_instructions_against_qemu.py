@@ -1,7 +1,7 @@
 """An independent emulator executes the kernels in the same number of instructions.
 
 All calibrators and streaming calibrators of the shipped firmware, `dpi`, the tilt-compensated heading and steps of the
-fusion filter, and two programs of integers. The fits of accelerometer and gyroscope are not among them.
+attitude filter, and two programs of integers. The fits of accelerometer and gyroscope are not among them.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ KERNELS = dict.fromkeys(CALIBRATORS, (3, "full_sphere")) | {
     "kernel_iterative_stream_sliced": (903 * 50, "odd_count"),
     "kernel_dpi": (300 * 159, PAIRS),
     "kernel_tilt_heading": (300 * 150, PAIRS),
-    "kernel_fusion": (300 * 250, PAIRS),
+    "kernel_attitude_filter": (300 * 250, PAIRS),
     "kernel_sort": (301 * 8 * 5, "odd_count"),  # a heap of 301 is 8 deep
     "kernel_interpreter": (301 * 8, "odd_count"),
 }

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import hiltest
-from hiltest.orientation.fusion import FusionNoise
 from hiltest.procedures.golden_points import golden_points
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.buffers import Address, Structure
@@ -18,8 +17,7 @@ from hiltest.virtual.calls.calling import CallResult
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import profile_call
 
-from ..orientation.attitude_filters import FilterState
-from ..orientation.filters import floats, noise_floats
+from ..orientation.filters import FilterState, floats
 from .dpi_kernel import BoardDpi
 from .streams import BoardStream
 
@@ -77,16 +75,6 @@ def stream(name: str) -> Callable[[Watched], object]:
     return run
 
 
-def fusion(board: Watched) -> object:
-    noise = noise_floats(FusionNoise(rate_dps_rthz=0.1, tilt_deg=0.5, heading_deg=2.0))
-    state = bytearray(floats([1.0, 0.0, 0.0, 0.0, noise[1], noise[2]]))
-    rates, gravity, field = (bytes(floats(item)) for item in ([0.9, -0.7, 0.8], [0.1, 0.2, 0.97], [20.0, 1.0, 40.0]))
-    for _ in range(10):
-        board.call("fusion_predict", state, bytes(noise), rates, 0.005)
-        board.call("fusion_update", state, bytes(noise), gravity, field)
-    return state
-
-
 def attitude_filter(board: Watched) -> object:
     state = bytearray(bytes(FilterState()))
     rates, gravity, field = (bytes(floats(item)) for item in ([0.9, -0.7, 0.8], [0.1, 0.2, 0.97], [20.0, 1.0, 40.0]))
@@ -105,7 +93,6 @@ def attitude_filter(board: Watched) -> object:
         ("dpi", dpi),
         ("direct-stream", stream("direct-stream")),
         ("iterative-stream", stream("iterative-stream")),
-        ("fusion", fusion),
         ("attitude_filter", attitude_filter),
     ],
 )

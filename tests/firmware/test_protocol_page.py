@@ -21,7 +21,7 @@ MEASURING = [
     IntegrateGyroscope(40),
     LogGyroscope(8),
     FusionRun(1000),
-    FusionStart(0, every=1, readings=4, rate_dps_rthz=0.2, tilt_deg=0.3, heading_deg=1.2, gate_g=0.1),
+    FusionStart(0, every=1, readings=4),
 ]
 
 

@@ -170,9 +170,9 @@ def test_the_attitude_filter_is_better_than_single_readings(write: Write) -> Non
     scores = {score.phase: score for score in own.scores}
     assert scores["rest"].heading_deg < 0.3
     assert (scores["rest"].inclination_deg or 1.0) < 0.1
-    # 516 to 536 cycles an update, and at most 676: docs/fusion.md.
+    # 516 to 536 cycles an update, and at most 665: docs/fusion.md.
     assert 516 <= (own.cycles or 0) <= 536
-    assert (own.most_cycles or 0) <= 676
+    assert (own.most_cycles or 0) <= 665
     single = result_of(write(HEADING_C, "heading.c"))
     assert filter_document([own, replace(single, role="against", cycles=None)], {}).exit_code == 0
     assert filter_document([own, replace(single, role="against")], {}).exit_code == 21, "it takes more cycles"

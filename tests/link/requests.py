@@ -62,7 +62,7 @@ REQUESTS: list[Request[Any]] = [
     FitDpi(38, 15, source=DpiSource.POSES),
     FitDpi(100, 3, dip_deg=62.5, is_joint=True),
     FitDpi(100, 3, is_joint=True),
-    FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=9),
+    FusionStart(3, 5, 16, timeout_us=9),
     FusionRun(24_000_000),
     FusionRead(36, 12),
 ]

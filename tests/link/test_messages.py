@@ -59,11 +59,7 @@ POSE = StillPose(
         (StreamState("ab"), 0x15, "02 6162"),
         (GetAccelerometer(15), 0x17, "0f"),
         (FitAccelerometer(6, "ellipsoid"), 0x1C, "06 09 656c6c6970736f6964"),
-        (
-            FusionStart(3, 5, 16, 0.5, 0.25, 1.0, 0.125, timeout_us=2),
-            0x22,
-            "03 05 1000 02000000 0000003f 0000803e 0000803f 0000003e",
-        ),
+        (FusionStart(3, 5, 16, timeout_us=2), 0x22, "03 05 1000 02000000"),
         (FusionRun(258), 0x23, "02010000"),
         (FusionRead(258, 36), 0x24, "0201 24"),
         (AddPose(512, Face.PLUS_Z, timeout_us=3), 0x18, "0002 03000000 04"),
@@ -133,15 +129,18 @@ def test_a_face_reads_gravity_on_the_axis_that_is_down() -> None:
 
 
 def test_what_a_fusion_run_did_and_what_it_kept() -> None:
-    done = struct.pack("<BQ5H4I4I", 0, 10**12, 2, 3, 4, 5, 6, 10, 126, 1240, 22, 0, 0, 0, 22)
+    done = struct.pack("<BQ5H4I", 0, 10**12, 2, 3, 4, 5, 6, 10, 532, 5280, 22)
     summary = decode_reply(FusionRun(1), done)
     assert (summary.began_us, summary.records, summary.no_attitude) == (10**12, 2, 3)
-    assert (summary.accelerated, summary.bad_steps, summary.overruns) == (4, 5, 6)
-    assert (summary.predicted.steps, summary.predicted.largest) == (10, RunCost(126, 22))
-    assert summary.predicted.mean_cycles == 124.0
-    assert summary.updated.mean_cycles is None  # of no step
-    uncounted = decode_reply(FusionRun(1), b"\x0c" + done[1:19] + struct.pack("<8I", 10, 0, 0, 0, 5, 0, 0, 0))
-    assert (uncounted.predicted.steps, uncounted.predicted.largest, uncounted.predicted.mean_cycles) == (10, None, None)
+    assert (summary.field_left_out, summary.bad_steps, summary.overruns) == (4, 5, 6)
+    assert (summary.costs.updates, summary.costs.largest, summary.costs.mean_cycles) == (10, RunCost(532, 22), 528.0)
+    assert summary.left_out == 3 + 4 + 5 + 6
+    none, uncounted = (
+        decode_reply(FusionRun(1), status + done[1:19] + struct.pack("<4I", *costs)).costs
+        for status, costs in ((b"\x00", (0, 0, 0, 22)), (b"\x0c", (10, 0, 0, 0)))
+    )
+    assert none.mean_cycles is None  # of no update
+    assert (uncounted.updates, uncounted.largest, uncounted.mean_cycles) == (10, None, None)
 
     record = struct.pack("<I12h", 12500, 0, 0, 0, 32767, 0, 0, 0, 0, -32767, 0, 0, 0)
     records = decode_reply(FusionRead(0, 1), b"\x00\x01" + record)

@@ -1,4 +1,4 @@
-"""The fusion filter and the attitude filter, both in both forms."""
+"""The attitude filter in both forms."""
 
 from __future__ import annotations
 
@@ -11,32 +11,14 @@ import pytest
 
 from hiltest.orientation.attitude_filter import AttitudeFilter
 
-from . import attitude_filters
-from .filters import FilterMaker, Firmware, Reference, build
-
-
-@pytest.fixture(scope="session")
-def fusion_library(require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    return build(require_tool("gcc"), tmp_path_factory.mktemp("fusion"))
-
-
-@pytest.fixture(scope="session")
-def firmware(fusion_library: ctypes.CDLL) -> FilterMaker:
-    """Return what makes a filter of the firmware's, from noise and first attitude."""
-    return partial(Firmware, fusion_library)
-
-
-@pytest.fixture(scope="session", params=["reference", "firmware"])
-def either(request: pytest.FixtureRequest) -> FilterMaker:
-    """Return what makes a filter of one of the two."""
-    return Reference if request.param == "reference" else request.getfixturevalue("firmware")
+from .filters import FirmwareFilter, build
 
 
 @pytest.fixture(scope="session")
 def attitude_filter_library(
     require_tool: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory
 ) -> ctypes.CDLL:
-    return attitude_filters.build(require_tool("gcc"), tmp_path_factory.mktemp("attitude_filter"))
+    return build(require_tool("gcc"), tmp_path_factory.mktemp("attitude_filter"))
 
 
 @pytest.fixture(scope="session", params=["reference", "firmware"])
@@ -44,7 +26,7 @@ def either_filter(request: pytest.FixtureRequest) -> Callable[..., object]:
     """Return what makes an attitude filter of one of the two, from a bias."""
     if request.param == "reference":
         return lambda bias_rad_s=(0.0, 0.0, 0.0): AttitudeFilter(bias_rad_s)
-    return partial(attitude_filters.FirmwareFilter, request.getfixturevalue("attitude_filter_library"))
+    return partial(FirmwareFilter, request.getfixturevalue("attitude_filter_library"))
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,9 @@
-"""Print the errors of the filters on recorded motion, as docs/fusion.md has them.
+"""Print the errors of the attitude filter on recorded motion, as docs/fusion.md has them.
 
     python -m tests.orientation.motion_errors [FOLDER]
 
-reads each .npz file of the folder, by default `../shared/data/broad`. The attitude filter comes with half and twice of
-each setting. `float32` is the firmware's C.
+reads each .npz file of the folder, by default `../shared/data/broad`. The filter comes with half and twice of each
+setting. `float32` is the firmware's C.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from hiltest.orientation.attitude_errors import AttitudeScore, Estimator, attitude_errors, score_estimator
 from hiltest.orientation.attitude_filter import AttitudeFilterSettings, filter_attitudes
-from hiltest.orientation.fusion import FusionNoise, fuse, heading_sigma_deg, triad
 from hiltest.orientation.motion_recording import MotionRecording, read_motion_recording
 
-from .attitude_filters import FirmwareFilter, build
+from .filters import FirmwareFilter, build
 
 Reals = NDArray[np.float64]
 
@@ -33,24 +32,6 @@ STARTS_S = (1, 3, 6, 10, 14, 17, 25)
 AFTER_START_S = (0, 1, 3, 5, 10, 30)
 STANDARD_GRAVITY = 9.80665
 DATA = Path(__file__).parents[3] / "shared" / "data" / "broad"
-# The suite's settings of `fusion`, with the noise and the dip of these recordings; see hiltest.procedures.fusion.
-TILT_DEG, GATE_G = 0.3, 0.1
-FUSION_NOISE = FusionNoise(
-    rate_dps_rthz=0.2,
-    tilt_deg=TILT_DEG,
-    heading_deg=heading_sigma_deg(field_sigma=0.70 / 44.4, tilt_deg=TILT_DEG, dip_deg=69.5),
-    gate_g=GATE_G,
-)
-
-
-def fusion_attitudes(gyroscope_rad_s: Reals, gravity_g: Reals, field: Reals, rate_hz: float) -> Reals:
-    """Return the attitudes of the thesis' filter, `fusion`; an estimator."""
-    measured = np.full((len(field), 4), np.nan)
-    for index in np.flatnonzero(np.abs(np.linalg.norm(gravity_g, axis=1) - 1.0) <= GATE_G):
-        measured[index] = triad(gravity_g[index], field[index])
-    steps_s = np.full(len(field), 1.0 / rate_hz)
-    first = triad(gravity_g[0], field[0])
-    return fuse(first, gyroscope_rad_s / rate_hz, steps_s, measured, FUSION_NOISE)[:, 0]
 
 
 def firmware_attitudes(
@@ -148,7 +129,7 @@ def main() -> None:
     recordings = [read_motion_recording(path) for path in sorted(parser.parse_args().folder.glob("*.npz"))]
     with tempfile.TemporaryDirectory() as folder:
         float32: Callable[..., Reals] = partial(firmware_attitudes, build("gcc", Path(folder)))
-        estimators = {"fusion": fusion_attitudes, "attitude_filter": filter_attitudes, "float32": float32}
+        estimators = {"attitude_filter": filter_attitudes, "float32": float32}
         tables = (
             trial_rows(recordings, estimators),
             phase_rows(recordings, filter_attitudes),

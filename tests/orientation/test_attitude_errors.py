@@ -13,9 +13,9 @@ from hiltest.errors import ConfigError
 from hiltest.orientation.angles import Pose
 from hiltest.orientation.attitude_errors import AttitudeErrors, attitude_errors, phases, score_estimator
 from hiltest.orientation.motion_recording import MotionRecording
-from hiltest.orientation.quaternions import from_pose, from_rotation_vector, normalised
+from hiltest.orientation.quaternions import from_pose, normalised
 
-from .fusion_matrices import product
+from .quaternion_algebra import from_rotation_vector, product
 
 # A quaternion of float64 is exact to 1e-16, and an angle of half of it as well.
 FLOAT64_DEG = 1e-12

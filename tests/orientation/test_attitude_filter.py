@@ -17,16 +17,10 @@ from hiltest.orientation.attitude_filter import (
     AttitudeFilterStatus,
     filter_attitudes,
 )
-from hiltest.orientation.quaternions import (
-    from_pose,
-    from_rotation_vector,
-    normalised,
-    pose_of,
-    rotation_ned_from_body,
-)
+from hiltest.orientation.quaternions import from_pose, normalised, pose_of, rotation_ned_from_body
 
 from .filters import swaying_motion
-from .fusion_matrices import angle_between_deg, conjugate, product
+from .quaternion_algebra import angle_between_deg, conjugate, from_rotation_vector, product
 
 OK, FIELD_LEFT_OUT = AttitudeFilterStatus.OK, AttitudeFilterStatus.FIELD_LEFT_OUT
 NO_ATTITUDE, BAD_STEP = AttitudeFilterStatus.NO_ATTITUDE, AttitudeFilterStatus.BAD_STEP
@@ -287,7 +281,19 @@ def test_unusable_gravity_corrects_nothing(either_filter: FilterMaker, gravity_g
 
 
 @pytest.mark.parametrize(
-    ("gravity_g", "field"), [((0.0, 0.0, 0.0), FIELD), (LEVEL_G, (0.0, 0.0, 0.0)), (LEVEL_G, LEVEL_G)]
+    ("gravity_g", "field"),
+    [
+        ((0.0, 0.0, 0.0), FIELD),
+        (LEVEL_G, (0.0, 0.0, 0.0)),
+        (LEVEL_G, LEVEL_G),
+        ((0.0, 0.6, -0.8), (0.0, -6.0, 8.0)),
+        ((0.0, 0.0, math.inf), FIELD),
+        (LEVEL_G, (math.nan, 0.0, 0.0)),
+        (LEVEL_G, (1e20, 0.0, 0.0)),
+        (LEVEL_G, (1e-20, 0.0, 0.0)),
+        (LEVEL_G, (5e-4, 0.0, 1.0)),
+    ],
+    ids=["no gravity", "no field", "parallel", "antiparallel", "infinite", "NaN", "huge", "tiny", "0.03 deg"],
 )
 def test_no_attitude_begins_without_gravity_and_a_field_across_it(
     either_filter: FilterMaker, gravity_g: tuple[float, float, float], field: tuple[float, float, float]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
 from hiltest.orientation.motion_recording import MotionRecording, read_motion_recording
-from hiltest.orientation.quaternions import rotation_ned_from_body
+from hiltest.orientation.quaternions import pose_of, rotation_ned_from_body
 
 COUNT = 6
 
@@ -56,6 +56,19 @@ def test_arrays_come_out_in_the_units_and_frames_of_the_package(tmp_path: Path):
     )
     east, north, up = to_enu
     assert rotation_ned_from_body(recording.truth[0]) == pytest.approx(np.array([north, east, -up]), abs=1e-12)
+
+
+def test_between_samples_the_truth_turns_evenly_and_is_unknown_beside_an_unseen_one(tmp_path: Path):
+    angles_rad = np.array([0.0, 0.1, 0.2, 0.3, 0.4, np.nan])
+    scalar_first = np.stack([np.cos(angles_rad / 2), 0 * angles_rad, 0 * angles_rad, np.sin(angles_rad / 2)], axis=1)
+    scalar_first[1] *= -1.0  # the same attitude
+    recording = read_motion_recording(written(tmp_path / "trial.npz", quaternion_enu=scalar_first.astype(np.float32)))
+    truth = recording.truth_at(np.array([-1.0, 0.005, 0.0125, 0.039, 0.045]))
+    # Up turns to up, so from east-north-up to north-east-down an angle counts the other way, and from north on.
+    headings_rad = [pose_of(attitude).heading_deg * np.pi / 180.0 for attitude in truth[:4]]
+    # A chord of 0.1 rad is divided evenly: of an angle's third power, 1e-3, a 250th is left out.
+    assert np.pi / 2.0 - np.array(headings_rad) == pytest.approx([0.0, 0.05, 0.125, 0.39], abs=4e-6)
+    assert np.isnan(truth[4]).all()
 
 
 def test_the_bias_is_the_mean_rate_before_the_motion(tmp_path: Path):

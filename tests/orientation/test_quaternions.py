@@ -13,19 +13,13 @@ from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_fr
 from hiltest.orientation.quaternions import (
     from_ned_axes,
     from_pose,
-    from_rotation_vector,
-    left_columns,
     normalised,
     pose_of,
     rotation_ned_from_body,
 )
 from hiltest.world.motion import body_rate_dps
 
-from .fusion_matrices import (
-    angle_between_deg,
-    conjugate,
-    product,
-)
+from .quaternion_algebra import angle_between_deg, conjugate, from_rotation_vector, product
 
 # Sums and products of a few numbers up to 1 in float64, each rounded to 1.1e-16.
 ROUNDING = 1e-14
@@ -92,14 +86,3 @@ def test_body_rates_multiply_on_the_right(pose, angle_rates):
     turn = from_rotation_vector(np.radians(body_rate_dps(pose, angle_rates)) * dt_s)
     # The rates change within the step: by the square of the angles it turns, 1.6e-5 rad each.
     assert np.radians(angle_between_deg(product(from_pose(pose), turn), from_pose(later))) < 3e-9
-
-
-@given(units, st.tuples(*[st.floats(-1e-4, 1e-4)] * 3).map(np.array))
-def test_the_columns_are_small_turns_about_north_east_and_down(unit, turn_rad):
-    columns = left_columns(unit)
-    assert np.column_stack([columns, unit]).T @ np.column_stack([columns, unit]) == pytest.approx(
-        np.eye(4), abs=ROUNDING
-    )
-    turned = normalised(unit + columns @ turn_rad / 2.0)
-    # What is left out is of the third order.
-    assert turned == pytest.approx(product(from_rotation_vector(turn_rad), unit), abs=1e-12)

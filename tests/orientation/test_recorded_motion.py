@@ -1,4 +1,4 @@
-"""The filters on seven trials of BROAD, whose README is in `../shared/data/broad`."""
+"""The attitude filter on seven trials of BROAD, whose README is in `../shared/data/broad`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "fusion.md").read_text(encoding="ut
 # repeats them to the last digit.
 ERRORS_DEG = {
     name.replace(" ", "_"): tuple(map(float, errors.split(" / ")))
-    for name, errors in re.findall(r"^\| (\d\d [^|]*) \| [0-9./ ]+ \| ([0-9./ ]+) \| [0-9./ ]+ \|$", PAGE, re.M)
+    for name, errors in re.findall(r"^\| (\d\d [^|]*) \| ([0-9./ ]+) \| [0-9./ ]+ \| [0-9./ ]+ \|$", PAGE, re.M)
 }
 
 

@@ -79,7 +79,7 @@ def test_a_comparison_without_cycles_names_no_model() -> None:
 
 @pytest.mark.parametrize(
     ("cost", "was", "now"),
-    [("cycles.direct.total", 0.9, None), ("cycles.direct.total", None, 0.9), ("cycles.fusion.predict", 0.9, 0.9)],
+    [("cycles.direct.total", 0.9, None), ("cycles.direct.total", None, 0.9), ("cycles.fusion.update", 0.9, 0.9)],
 )
 def test_without_a_worst_heading_on_both_sides_the_cost_stands_alone(
     cost: str, was: float | None, now: float | None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from typing import Any, NamedTuple, NoReturn
 
@@ -54,8 +54,9 @@ from hiltest.link.replies import (
 )
 from hiltest.link.request import Request
 from hiltest.orientation import DegenerateFieldError
-from hiltest.orientation.fusion import FusionNoise, fuse, triad
+from hiltest.orientation.attitude_filter import AttitudeFilter, AttitudeFilterSettings, AttitudeFilterStatus
 from hiltest.orientation.quaternions import Quaternion
+from hiltest.orientation.triad import triad
 from hiltest.text import format_count
 
 _FLOAT32_ROUNDING = 2.0**-24  # relative; a sum of n float32 has at most n - 1 of them, and the division one
@@ -65,9 +66,10 @@ _SPAN_PERIODS = 1.0 / 8.0  # PROTOCOL.md: a span's times are known to a sixteent
 # sampler.c: the firmware looks eight times a period, so that it knows the first instants to a sixteenth at either side.
 _PAIRING_PERIODS = 1.0 / 16.0
 _PAIRING_COUNTS = 1.5  # rounding to whole counts of two readings and of the line between them
-# An attitude's rounding to 1/32767 is 6e-5 at most, and 1e-6 in float32 [rad]; the times of rates are known to a look.
-_ATTITUDE_RAD = 1e-4
-_NEAR_LIMIT = 1e-5  # float32 may take a norm or an angle [g, rad] that is this near to a limit to its other side
+# An attitude's rounding to 1/32767 is 6e-5 at most [rad]. Ten roundings in float32 are 1.2e-6 as an angle, and the sine
+# between gravity and field divides them. The filter's roundings add up to 5e-5
+# (tests/firmware/test_attitude_filter.py), and the times of its rates are known to a look.
+_ATTITUDE_RAD, _FLOAT32_RAD, _FILTER_RAD = 1e-4, 2e-6, 2e-4
 _CHANGES_POINTS = frozenset({Collect.code, Upload.code, ClearPoints.code, Reset.code})
 _FUSED = (SensorKind.GYROSCOPE, SensorKind.MAGNETOMETER)
 _CHANGES_RECORDS = frozenset({FusionStart.code, FusionRun.code, Reset.code})
@@ -119,6 +121,23 @@ class _CollectedPoints:
     """Points that were read before, as magnetometer and accelerometer counts."""
 
 
+class _FusionBegin(NamedTuple):
+    """First measurement of a filter."""
+
+    request: FusionStart
+    gravity_g: Reals
+    field: Reals
+    rest_s: float
+    """Time of the samples that they are means of."""
+
+    def filter(self, settings: AttitudeFilterSettings) -> AttitudeFilter:
+        """Return the filter after this measurement."""
+        attitude_filter = AttitudeFilter(np.zeros(3), settings)
+        attitude_filter.turn((0.0, 0.0, 0.0), self.rest_s)
+        attitude_filter.correct(self.gravity_g.tolist(), self.field.tolist())
+        return attitude_filter
+
+
 class _FusionRecords(NamedTuple):
     """Records of one FUSION_RUN, as they follow from the samples."""
 
@@ -127,8 +146,10 @@ class _FusionRecords(NamedTuple):
     """Samples of the magnetometer at the records."""
     attitudes: Reals
     """Shape (n, 3, 4). Attitudes of accelerometer and magnetometer, of the gyroscope, and of the filter."""
+    measured_rad: Reals
+    """Shape (n,). Tolerance of the first."""
     tolerance_rad: float
-    """Tolerance of the last two; infinity if float32 may decide a step of the filter differently."""
+    """Tolerance of the last two; infinity if a step may be refused or not."""
 
 
 class DeliveredSamples:
@@ -160,7 +181,7 @@ class DeliveredSamples:
         self._stored: int | None = None  # points in the buffer; None if unknown
         self._stored_before: int | None = None
         self._collected: list[_CollectedPoints] = []
-        self._fusion_start: tuple[FusionStart, Quaternion] | None = None
+        self._fusion_begin: _FusionBegin | None = None
         self._fusion: _FusionRecords | None = None
         # Matrix and offset by kind and slot; the gyroscope's has no slot.
         self._calibrations: dict[tuple[SensorKind, int], tuple[ArrayLike, ArrayLike]] = {}
@@ -391,7 +412,6 @@ class DeliveredSamples:
             )
 
     def _check_first_attitude(self, request: FusionStart, attitude: Quaternion) -> None:
-        self._fusion_start = request, attitude
         magnetometer = self._fresh(SensorKind.MAGNETOMETER).select(slice(-request.readings, None))
         if len(magnetometer.counts) < request.readings:
             samples = format_count(request.readings, "sample")
@@ -400,6 +420,7 @@ class DeliveredSamples:
         gravity_g = self._calibrated(SensorKind.ACCELEROMETER, request.slot, accelerations.mean(axis=0))
         field = self._calibrated(SensorKind.MAGNETOMETER, request.slot, magnetometer.counts.mean(axis=0))
         _check_attitudes("first attitude", attitude[None], _triads(gravity_g[None], field[None]), _ATTITUDE_RAD)
+        self._fusion_begin = _FusionBegin(request, gravity_g, field, request.readings * magnetometer.period_s)
 
     def _latest_accelerations(self, until_s: Reals) -> Counts:
         """Return the accelerometer's latest samples before the transfers of others' next samples."""
@@ -410,52 +431,78 @@ class DeliveredSamples:
         return accelerometer.counts[latest]
 
     def _follow_fusion(self, summary: FusionSummary) -> None:
-        if self._fusion_start is None:
+        if self._fusion_begin is None:
             return
         began_s = self._virtual_s(summary.began_us)
         gyroscope, magnetometer = (
             samples.select(samples.time_s > began_s)
             for samples in (self._samples(self._selected[kind]) for kind in _FUSED)
         )
-        corrections, predictions = len(magnetometer.counts), len(gyroscope.counts) + len(magnetometer.counts)
-        for name, steps, delivered in (
-            ("correction", summary.updated.steps, corrections),
-            ("prediction", summary.predicted.steps, predictions),
-            ("record", summary.records, -(-corrections // self._fusion_start[0].every)),
+        updates = len(magnetometer.counts)
+        records = -(-updates // self._fusion_begin.request.every)
+        for name, count, delivered in (
+            ("update", summary.costs.updates, updates),
+            ("record", summary.records, records),
         ):
-            if steps != delivered:
-                _raise(f"the firmware answers {format_count(steps, name)}, and the sensors' samples make {delivered}")
-        self._fusion = self._fuse(*self._fusion_start, began_s, gyroscope, magnetometer)
+            if count != delivered:
+                _raise(f"the firmware answers {format_count(count, name)}, and the sensors' samples make {delivered}")
+        self._fusion = self._fuse(self._fusion_begin, summary, gyroscope, magnetometer)
 
     def _fuse(
-        self, start: FusionStart, first: Quaternion, began_s: float, gyroscope: Samples, magnetometer: Samples
+        self, begin: _FusionBegin, summary: FusionSummary, gyroscope: Samples, magnetometer: Samples
     ) -> _FusionRecords:
         """Run the filter with delivered samples."""
+        began_s, slot = self._virtual_s(summary.began_us), begin.request.slot
         times_s = np.append(gyroscope.time_s, magnetometer.time_s)
         order = np.argsort(times_s, kind="stable")
-        times_s, is_correction = times_s[order], order >= len(gyroscope.counts)
+        times_s, is_update = times_s[order], order >= len(gyroscope.counts)
         # A gyroscope's sample turns by the mean of its rate and the one before, a magnetometer's by the latest rate.
         rates_rad_s = np.radians(np.vstack([np.zeros(3), self._calibrated(SensorKind.GYROSCOPE, 0, gyroscope.counts)]))
-        latest = np.cumsum(~is_correction)
-        before = np.where(is_correction, latest, np.maximum(latest - 1, 1))
+        latest = np.cumsum(~is_update)
+        before = np.where(is_update, latest, np.maximum(latest - 1, 1))
         steps_s = np.diff(times_s, prepend=began_s + 0.5 * _LOOK_S)
-        turns_rad = 0.5 * (rates_rad_s[latest] + rates_rad_s[before]) * steps_s[:, None]
-        accelerations = self._latest_accelerations(np.append(times_s[1:], np.inf)[is_correction])
-        gravity_g = self._calibrated(SensorKind.ACCELEROMETER, start.slot, accelerations)
-        field = self._calibrated(SensorKind.MAGNETOMETER, start.slot, magnetometer.counts)
-        measured = _triads(gravity_g, field)
-        beyond_gate_g = np.abs(np.linalg.norm(gravity_g, axis=1) - 1.0) - start.gate_g
-        used = np.full((len(order), 4), np.nan)
-        used[is_correction] = np.where(beyond_gate_g[:, None] <= 0.0, measured, np.nan)
-        noise = FusionNoise(start.rate_dps_rthz, start.tilt_deg, start.heading_deg, start.gate_g)
-        fused, turned = fuse(first, turns_rad, steps_s, used, noise)[is_correction].swapaxes(0, 1)
-        tolerance_rad = _ATTITUDE_RAD + _LOOK_S * float(np.linalg.norm(rates_rad_s, axis=1).max())
-        largest_turn_rad = np.linalg.norm(turns_rad, axis=1).max(initial=0.0)
-        if largest_turn_rad > math.pi - _NEAR_LIMIT or (np.abs(beyond_gate_g) < _NEAR_LIMIT).any():
+        means_rad_s = 0.5 * (rates_rad_s[latest] + rates_rad_s[before])
+        accelerations = self._latest_accelerations(np.append(times_s[1:], np.inf)[is_update])
+        gravity_g = self._calibrated(SensorKind.ACCELEROMETER, slot, accelerations)
+        field = self._calibrated(SensorKind.MAGNETOMETER, slot, magnetometer.counts)
+        tolerance_rad = _FILTER_RAD + _LOOK_S * float(np.linalg.norm(rates_rad_s, axis=1).max())
+
+        def run(gate_change: float) -> tuple[Reals, list[AttitudeFilterStatus]]:
+            """Return attitudes of gyroscope and filter, shape (2, n, 4), and the statuses of the filter's steps."""
+            default = AttitudeFilterSettings()
+            settings = replace(default, field_gate=max(0.0, default.field_gate + gate_change))
+            turned, fused = begin.filter(settings), begin.filter(settings)
+            attitudes, statuses = [], []
+            readings = zip(gravity_g.tolist(), field.tolist(), strict=True)
+            for rate_rad_s, step_s, updates in zip(means_rad_s.tolist(), steps_s, is_update, strict=True):
+                turned.turn(rate_rad_s, step_s)
+                if updates:
+                    statuses.append(fused.update(rate_rad_s, *next(readings), step_s))
+                    attitudes.append((turned.attitude, fused.attitude))
+                else:
+                    statuses.append(fused.turn(rate_rad_s, step_s))
+            return np.array(attitudes).reshape(-1, 2, 4).swapaxes(0, 1), statuses
+
+        # An attitude that errs by the tolerance moves the parts of the field, measured and expected, by as much of it.
+        # Without a field that may be on either side of the gate, two gates make the same attitudes.
+        (turned, fused), statuses = run(-2.0 * tolerance_rad)
+        (_, other), _ = run(2.0 * tolerance_rad)
+        largest_turn_rad = (np.linalg.norm(means_rad_s, axis=1) * steps_s).max(initial=0.0)
+        if largest_turn_rad > math.pi - tolerance_rad or not np.array_equal(fused, other):
             tolerance_rad = math.inf
-        places = slice(None, None, start.every)
-        attitudes = np.stack([measured, turned, fused], axis=1)[places]
-        return _FusionRecords(began_s, magnetometer.select(places), attitudes, tolerance_rad)
+        else:
+            for count, status in (
+                (summary.no_attitude, AttitudeFilterStatus.NO_ATTITUDE),
+                (summary.field_left_out, AttitudeFilterStatus.FIELD_LEFT_OUT),
+            ):
+                if count != statuses.count(status):
+                    _raise(f"the firmware answers {count} updates with {status.name}, not {statuses.count(status)}")
+        places = slice(None, None, begin.request.every)
+        attitudes = np.stack([_triads(gravity_g, field), turned, fused], axis=1)[places]
+        norms = np.linalg.norm(gravity_g, axis=1) * np.linalg.norm(field, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            measured_rad = _ATTITUDE_RAD + _FLOAT32_RAD * norms / np.linalg.norm(np.cross(gravity_g, field), axis=1)
+        return _FusionRecords(began_s, magnetometer.select(places), attitudes, measured_rad[places], tolerance_rad)
 
     def _check_records(self, first: int, records: FusionRecords) -> None:
         if self._fusion is None:
@@ -466,7 +513,8 @@ class DeliveredSamples:
             _raise(f"the firmware answers {len(records.time_us)} records from {first} on, and made {len(attitudes)}")
         times_s = self._fusion.began_s + 1e-6 * records.time_us.astype(np.float64)
         self._check_times(self._selected[SensorKind.MAGNETOMETER], samples, times_s)
-        _check_attitudes("attitude of accelerometer and magnetometer", records.measured, attitudes[:, 0], _ATTITUDE_RAD)
+        measured_rad = self._fusion.measured_rad[chosen]
+        _check_attitudes("attitude of accelerometer and magnetometer", records.measured, attitudes[:, 0], measured_rad)
         _check_attitudes("attitude of the gyroscope", records.turned, attitudes[:, 1], self._fusion.tolerance_rad)
         _check_attitudes("attitude of the filter", records.fused, attitudes[:, 2], self._fusion.tolerance_rad)
 
@@ -533,7 +581,7 @@ def _triads(gravity_g: Reals, field: Reals) -> Reals:
     return attitudes
 
 
-def _check_attitudes(name: str, answered: Reals, expected: Reals, tolerance_rad: float) -> None:
+def _check_attitudes(name: str, answered: Reals, expected: Reals, tolerance_rad: float | Reals) -> None:
     """Compare attitudes of either sign, shape (n, 4); NaN is none."""
     angles_rad = 2.0 * np.minimum(*(np.linalg.norm(answered + sign * expected, axis=1) for sign in (-1.0, 1.0)))
     is_missing = np.isnan(answered[:, 0]) != np.isnan(expected[:, 0])

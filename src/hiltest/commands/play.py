@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,6 +45,12 @@ _MOST_MOMENTS = 10_000
 @setting_option("rig", required=True)
 @setting_option("firmware", fallback="the rig's, else the packaged one")
 @click.option(
+    "--recording",
+    metavar="FILE",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Play this recording.  [default: the rig's, world.playback]",
+)
+@click.option(
     "--every",
     "every_s",
     metavar="SECONDS",
@@ -51,23 +58,28 @@ _MOST_MOMENTS = 10_000
     help="Compute a heading at this interval.  [default: twelve over the recording]",
 )
 @json_option("hiltest.play/1")
-def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) -> int:
+def play(rig: str, firmware: Path | None, recording: Path | None, every_s: float | None, as_json: bool) -> int:
     """Play a recording to firmware, and compare its results.
 
     The results are hard iron, field, fit error and headings. The sensors of a virtual board measure the recorded
     motion. If the rig's firmware does not speak hiltest's protocol, hiltest's firmware gets the same recording, and the
-    results of its calibrators are shown beside. There is no verdict: see docs/playback.md.
+    results of its calibrators are shown beside. A recording with true attitudes is calibrated: hiltest's firmware
+    follows it with its filter, and the errors are shown. There is no verdict: see docs/playback.md.
     """
     from hiltest.interfaces.sensor_files.recorded_motion import load_playback
-    from hiltest.procedures.recorded_motion import play_back
+    from hiltest.procedures.recorded_motion import follow_recording, play_back
+    from hiltest.rig.recorded_motion import PlaybackFile
     from hiltest.session.progress_line import ProgressLine
     from hiltest.world.recorded_motion import Sensed
 
     described = load_named_rig(rig)
+    if recording is not None and described.world is not None:
+        described = replace(described, world=replace(described.world, playback=PlaybackFile(str(recording.resolve()))))
     playback = load_playback(described)
     if playback is None:
         raise ConfigError(
-            f'{described.where("world")}: the rig has no recording: name one under [world], playback = "field.csv"'
+            f"{described.where('world')}: the rig has no recording: name one with --recording, or under [world], "
+            'playback = "field.csv"'
         )
     magnetometer = playback.tracks.get(Sensed.MAGNETOMETER)
     if magnetometer is None:
@@ -75,23 +87,30 @@ def play(rig: str, firmware: Path | None, every_s: float | None, as_json: bool) 
             f"{described.where('world', 'playback')}: world.playback: {playback.name} has no magnetometer "
             "to calibrate: use it with hiltest log, hiltest listen or hiltest serve"
         )
-    moments_s = _moments_s(playback, every_s)
     if not as_json:
         click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
-    played = play_back(
-        described,
-        playback.described(),
-        magnetometer.times_s,
-        moments_s,
-        begins_s=playback.begins_s,
-        firmware=firmware,
-        progress=progress,
-    )
+    playing, begins_s = playback.described(), playback.begins_s
+    if playback.motion:
+        played = follow_recording(
+            described, playing, playback.motion, begins_s=begins_s, firmware=firmware, progress=progress
+        )
+    else:
+        moments_s = _moments_s(playback, every_s)
+        played = play_back(
+            described,
+            playing,
+            magnetometer.times_s,
+            moments_s,
+            begins_s=begins_s,
+            firmware=firmware,
+            progress=progress,
+        )
     if as_json:
         print_document("hiltest.play/1", played)
         return 0
-    click.echo("\n".join(["", *_calibrations(played), "", *_headings(played)]))
+    tables = _attitudes(played) if played.attitudes else [*_calibrations(played), "", *_headings(played)]
+    click.echo("\n".join(["", *tables]))
     for remark in played.remarks:
         click.echo(remark, err=True)
     return 0
@@ -155,6 +174,18 @@ def _headings(played: Played) -> list[str]:
             ),
         ]
     )
+
+
+def _attitudes(played: Played) -> list[str]:
+    """Return the table of errors against true attitudes."""
+    rows = [
+        [
+            f"{row.name}, {row.phase}",
+            *(f"{error:.2f}" for error in (row.total_deg, row.heading_deg, row.inclination_deg)),
+        ]
+        for row in played.attitudes
+    ]
+    return _table([["error of the attitude [deg rms]", "total", "heading", "inclination"], *rows])
 
 
 def _table(rows: Sequence[Sequence[str]]) -> list[str]:

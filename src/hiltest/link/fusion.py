@@ -1,4 +1,4 @@
-"""Requests and replies of the fusion filter on the board."""
+"""Requests and replies of the attitude filter that follows a motion on the board."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from hiltest.link.request import Request, Timed, check_range
 MAX_FUSION_RECORDS = 1024
 MAX_FUSION_READ = 36
 _MAX_READINGS = 512
-_LONGEST_US = 60_000_000
+_LONGEST_US = 300_000_000
 _QUATERNION_SCALE = 32767.0
 
 Quaternions = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class StepCosts:
-    """Cost of the steps of one kind."""
+class UpdateCosts:
+    """Cost of the filter's updates."""
 
-    steps: int
-    """Number of steps."""
+    updates: int
+    """Number of updates."""
     largest: RunCost | None
-    """Cost of the most expensive step; None without a cycle counter."""
+    """Cost of the most expensive update; None without a cycle counter."""
     mean_cycles: float | None
-    """Mean cost over all steps."""
+    """Mean cost over all updates."""
 
     @classmethod
-    def parse(cls, fields: FieldReader, name: str) -> StepCosts:
+    def parse(cls, fields: FieldReader) -> UpdateCosts:
         """Read the costs; an overhead of 0 cycles means that there is no counter."""
-        steps, largest, total, overhead = (
-            fields.number("I", f"{name}: {quantity}") for quantity in ("steps", "largest", "total", "overhead")
+        updates, largest, total, overhead = (
+            fields.number("I", name) for name in ("updates", "largest", "total", "overhead")
         )
         if not overhead:
-            return cls(steps, None, None)
-        return cls(steps, RunCost(largest, overhead), total / steps if steps else None)
+            return cls(updates, None, None)
+        return cls(updates, RunCost(largest, overhead), total / updates if updates else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,35 +53,32 @@ class FusionSummary:
     records: int
     """Number of records on the board."""
     no_attitude: int
-    accelerated: int
-    """Skipped corrections: without a TRIAD solution, and with gravity unlike 1 g."""
+    """Updates that only turned the attitude: gravity is unusable."""
+    field_left_out: int
+    """Updates that left the heading alone: the field is disturbed, vertical or has no norm."""
     bad_steps: int
-    """Skipped predictions."""
+    """Omitted steps: more than half a turn."""
     overruns: int
     """Samples lost unread."""
-    predicted: StepCosts
-    updated: StepCosts
+    costs: UpdateCosts
+
+    @property
+    def left_out(self) -> int:
+        """Number of samples that did not act on the filter as they should."""
+        return self.no_attitude + self.field_left_out + self.bad_steps + self.overruns
 
     @classmethod
     def parse(cls, fields: FieldReader) -> FusionSummary:
         began_us = fields.number("Q", "began")
-        names = ("records", "no attitude", "accelerated", "bad steps", "overruns")
-        records, no_attitude, accelerated, bad_steps, overruns = (fields.number("H", name) for name in names)
-        return cls(
-            began_us,
-            records,
-            no_attitude,
-            accelerated,
-            bad_steps,
-            overruns,
-            StepCosts.parse(fields, "predictions"),
-            StepCosts.parse(fields, "corrections"),
-        )
+        names = ("records", "no attitude", "field left out", "bad steps", "overruns")
+        records, no_attitude, field_left_out, bad_steps, overruns = (fields.number("H", name) for name in names)
+        costs = UpdateCosts.parse(fields)
+        return cls(began_us, records, no_attitude, field_left_out, bad_steps, overruns, costs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionRecords:
-    """Attitudes at corrections, as quaternions (x, y, z, w), body to north-east-down."""
+    """Attitudes at updates, as quaternions (x, y, z, w), body to north-east-down."""
 
     time_us: NDArray[np.int64]
     """Shape (n,). Time since the start of the run."""
@@ -121,20 +118,14 @@ class FusionStart(Timed, Request[Quaternions]):
     slot: int
     """Slot of the calibrations."""
     every: int
-    """Number of corrections per record."""
+    """Number of updates per record."""
     readings: int
     """Number of readings that are averaged for the first attitude."""
-    rate_dps_rthz: float
-    tilt_deg: float
-    heading_deg: float
-    gate_g: float
-    """See `hiltest.orientation.fusion.FusionNoise`."""
 
     def payload(self) -> bytes:
-        every = check_range(self.every, 1, 255, "corrections")
+        every = check_range(self.every, 1, 255, "updates")
         readings = check_range(self.readings, 1, _MAX_READINGS, "readings")
-        noise = (self.rate_dps_rthz, self.tilt_deg, self.heading_deg, self.gate_g)
-        return struct.pack("<BBHI4f", self.slot, every, readings, self.timeout_us, *noise)
+        return struct.pack("<BBHI", self.slot, every, readings, self.timeout_us)
 
     def parse(self, fields: FieldReader) -> Quaternions:
         return fields.reals(4, "attitude")

@@ -26,7 +26,7 @@ from hiltest.link.replies import (
 )
 from hiltest.link.request import Plain, Request, Timed, check_range, name_field
 
-PROTOCOL_VERSION = 8
+PROTOCOL_VERSION = 9
 MAX_UPLOAD = 160
 MAX_UPLOAD_PAIRS = 80
 MAX_POINTS_READ = 80

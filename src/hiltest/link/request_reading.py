@@ -116,8 +116,7 @@ def _fit_dpi(fields: FieldReader) -> dpi.FitDpi:
 
 def _fusion_start(fields: FieldReader) -> fusion.FusionStart:
     slot, every, readings = fields.number("B", "slot"), fields.number("B", "every"), fields.number("H", "readings")
-    timeout_us = fields.number("I", "timeout")
-    return fusion.FusionStart(slot, every, readings, *fields.reals(4, "noise").tolist(), timeout_us=timeout_us)
+    return fusion.FusionStart(slot, every, readings, timeout_us=fields.number("I", "timeout"))
 
 
 def _stream_reset(fields: FieldReader) -> streams.StreamReset:

@@ -83,7 +83,7 @@ _BY_FORM = {_form(name): kind for name, kind in KINDS.items()}
 def identify(name: str) -> NamedKind:
     """Return kind and subject of a measurement's name; no other function splits names.
 
-    A kind without a subject takes precedence: ``cycles.fusion.predict`` belongs to no calibrator. A subject of several
+    A kind without a subject takes precedence: ``cycles.fusion.update`` belongs to no calibrator. A subject of several
     parts has dots between them, as in the name.
     """
     parts = name.split(".")

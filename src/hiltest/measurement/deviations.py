@@ -62,7 +62,6 @@ _VALUES: dict[str, float] = {
     "cycles.direct-fast.request": 4.19,
     "cycles.direct.request": 54.2,
     "cycles.dpi.request": 27.5,
-    "cycles.fusion.predict.mean": 0,
     "cycles.fusion.update.mean": 0.00451,
     "cycles.gauss-newton.request": 11.2,
     "cycles.gradient-descent.request": 7.28,

@@ -14,14 +14,12 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.orientation.fusion import triad
 from hiltest.orientation.quaternions import Quaternion
 from hiltest.orientation.tilt_heading import DegenerateFieldError
+from hiltest.orientation.triad import LARGEST_NORM, SMALLEST_NORM, triad
 
 Reals = NDArray[np.float64]
 
-# Norms of a vector that can be used: float32 has room for their squares.
-_SMALLEST_NORM, _LARGEST_NORM = 1e-6, 1e6
 # Half of the longest rotation in one step: beyond half a turn a rate no longer tells the direction.
 _LONGEST_HALF_RAD = 0.5 * math.pi
 # Longest time that one correction stands for; after a gap the sensors show one moment of it.
@@ -145,7 +143,7 @@ class AttitudeFilter:
 
     def correct(self, gravity_g: Sequence[float], field: Sequence[float]) -> AttitudeFilterStatus:
         """Correct the attitude for the time since the last correction; parameters as of `update`."""
-        if not math.sqrt(sum(value * value for value in gravity_g)) < _LARGEST_NORM:
+        if not math.sqrt(sum(value * value for value in gravity_g)) < LARGEST_NORM:
             return AttitudeFilterStatus.NO_ATTITUDE
         if not self._started:
             return self._start(gravity_g, field)
@@ -193,7 +191,7 @@ class AttitudeFilter:
         """Return the rotation about down [rad] for a field in the earth frame; None if the field is left out."""
         north, east, down = field
         horizontal = math.hypot(north, east)
-        if not _SMALLEST_NORM < math.hypot(horizontal, down) < _LARGEST_NORM:
+        if not SMALLEST_NORM < math.hypot(horizontal, down) < LARGEST_NORM:
             return None
         expected_horizontal, expected_down = self._field
         gate = self._settings.field_gate * math.hypot(expected_horizontal, expected_down)
@@ -207,7 +205,7 @@ class AttitudeFilter:
             expected_horizontal + gain * (horizontal - expected_horizontal),
             expected_down + gain * (down - expected_down),
         )
-        if not is_expected or horizontal <= _SMALLEST_NORM:
+        if not is_expected or horizontal <= SMALLEST_NORM:
             return None
         sine = east / horizontal if north > 0.0 else math.copysign(1.0, east)
         return -sine * dt_s * (per_time if young else 1.0 / self._settings.heading_time_s)

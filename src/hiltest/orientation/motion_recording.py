@@ -60,6 +60,23 @@ class MotionRecording:
         """Index of the first sample of the motion phase."""
         return int(np.argmax(self.movement))
 
+    def truth_at(self, times_s: Reals) -> Reals:
+        """Return true attitudes between samples, shape (len(times_s), 4); NaN beside a sample without one.
+
+        Parameters
+        ----------
+        times_s : shape (n,)
+            Times since the first sample.
+        """
+        places = np.clip(times_s * self.rate_hz, 0.0, len(self.truth) - 1.0)
+        before = np.minimum(places.astype(np.intp), len(self.truth) - 2)
+        first, second = self.truth[before], self.truth[before + 1]
+        share = (places - before)[:, None]
+        nearer = np.where((first * second).sum(axis=1, keepdims=True) < 0.0, -second, second)
+        mixed = (1.0 - share) * first + share * nearer
+        attitudes: Reals = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+        return attitudes
+
     def rest_bias_rad_s(self) -> Reals:
         """Return the mean rate before the motion, shape (3,).
 

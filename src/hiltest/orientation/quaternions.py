@@ -7,7 +7,6 @@ one attitude.
 
 from __future__ import annotations
 
-import math
 from typing import TypeAlias
 
 import numpy as np
@@ -73,34 +72,3 @@ def rotation_ned_from_body(quaternion: ArrayLike) -> NDArray[np.float64]:
 def pose_of(quaternion: ArrayLike) -> Pose:
     """Return heading, pitch and roll of a unit quaternion."""
     return pose_from_rotation(rotation_ned_from_body(quaternion).T)
-
-
-def from_rotation_vector(rotation_rad: ArrayLike) -> Quaternion:
-    """Return the rotation about a vector by its length, shape (..., 3) [rad], as a quaternion.
-
-    Notes
-    -----
-    Mucciaccia's equations (8) to (11), which are 0/0 without rotation: sine over angle is one function, 1/2 there.
-    """
-    vector = np.asarray(rotation_rad, dtype=np.float64)
-    angle_rad = np.linalg.norm(vector, axis=-1, keepdims=True)
-    # numpy's sinc is sin(pi x)/(pi x), and knows its limit.
-    return np.concatenate([0.5 * np.sinc(angle_rad / (2.0 * math.pi)) * vector, np.cos(0.5 * angle_rad)], axis=-1)
-
-
-def right_matrix(second: ArrayLike) -> NDArray[np.float64]:
-    """Return the matrix of a product's second factor, shape (..., 4, 4): ``first second = matrix @ first``."""
-    x, y, z, w = np.moveaxis(np.asarray(second, dtype=np.float64), -1, 0)
-    return np.moveaxis(np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]]), (0, 1), (-2, -1))
-
-
-def left_columns(second: ArrayLike) -> NDArray[np.float64]:
-    """Return the products of the earth's axes with a quaternion, as columns, shape (4, 3).
-
-    Notes
-    -----
-    ``q + left_columns(q) @ turn_rad / 2`` is q after a small rotation about north, east and down. For a unit q the
-    columns are orthonormal, and orthogonal to q.
-    """
-    x, y, z, w = np.asarray(second, dtype=np.float64)
-    return np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])

@@ -17,7 +17,7 @@ from hiltest.procedures.driven_calibrations import DrivenCalibrations, DrivenSta
 from hiltest.procedures.driving import DrivingResult, measure_driving
 from hiltest.procedures.fast_fit import FAST, FastFit, measure_fast_fit
 from hiltest.procedures.float64_headings import float32_error_deg, heading_errors_deg
-from hiltest.procedures.fusion import AttitudeErrors, FusionResult, filter_noise, measure_fusion
+from hiltest.procedures.fusion import AttitudeErrors, FusionResult, measure_fusion
 from hiltest.procedures.golden_points import golden_pairs, golden_points
 from hiltest.procedures.grbl_turntable import GrblTurntable, open_grbl_turntable
 from hiltest.procedures.gyroscope_log import GyroscopeLog, LogChunk, log_gyroscope
@@ -91,7 +91,6 @@ __all__ = [
     "collect_tumble",
     "effort_curve",
     "evenly_spread",
-    "filter_noise",
     "fit_on_board",
     "fit_poses",
     "fit_still_poses",

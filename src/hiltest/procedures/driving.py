@@ -1,4 +1,4 @@
-"""Heading in a disturbed field: of the fusion filter, and of each of its two halves alone."""
+"""Heading in a disturbed field: of the attitude filter, and of each of its two halves alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from hiltest.boards.board import Board
 from hiltest.errors import BenchError
 from hiltest.link.gyroscope import Axis
-from hiltest.orientation.fusion import FusionNoise
 from hiltest.procedures.fusion import FusionResult, finite_rms, follow_motion
 from hiltest.procedures.rest import rest_gyroscope
 from hiltest.procedures.turntables import Turntable
@@ -72,7 +71,6 @@ def measure_driving(
     *,
     begins_s: float,
     slot: int,
-    noise: FusionNoise,
     readings: int = 16,
     bias_s: float = 2.5,
 ) -> DrivingResult:
@@ -109,7 +107,7 @@ def measure_driving(
         )
     board.sleep(wait_s)
     turn = partial(turntable.turn, Axis.Z, _TURN_DEG, rate_dps=_TURN_DPS)
-    motion = follow_motion(board, turn, slot=slot, noise=noise, readings=readings, longest_s=_LONGEST_S)
+    motion = follow_motion(board, turn, slot=slot, readings=readings, longest_s=_LONGEST_S)
     field_ut = _fields_ut(board, motion)
     sources = {
         "fusion": motion.fused,

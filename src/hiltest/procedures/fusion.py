@@ -1,4 +1,4 @@
-"""Run of the fusion filter on the board's own sensors while it is turned and tilted."""
+"""Run of the attitude filter on the board's own sensors while it is turned and tilted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from hiltest.link.fusion import (
 from hiltest.link.replies import SAMPLE_RATE_HZ, SensorKind
 from hiltest.measurement import CycleRange
 from hiltest.orientation.angles import Pose, heading_error_deg
-from hiltest.orientation.fusion import FusionNoise, heading_sigma_deg
 from hiltest.orientation.quaternions import Quaternion, from_pose, normalised, pose_of, rotation_ned_from_body
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.rest import rest_gyroscope
@@ -30,14 +29,6 @@ from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
 
-# Setting of the filter for the gyroscope [deg/s per root hertz]: larger than its noise of 0.025, to allow for
-# systematic errors: 0.02 deg/s of bias after a short rest, 0.1 % of scale at 60 deg/s, over the resulting time constant
-# of 0.6 s.
-_RATE_DPS_RTHZ = 0.2
-# About a level axis: 3 mg of offset, and up to 40 deg/s for the 5 ms that an accelerometer's sample may be old.
-_TILT_DEG = 0.3
-# A hand's motion changes the measured gravity; beyond this deviation it is ignored.
-_GATE_G = 0.1
 # Longest motion: a hand's sway, or a slow table's [s].
 _LONGEST_S = 30.0
 # Time after the motion, so that the rest is recorded as well.
@@ -71,10 +62,8 @@ class AttitudeErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionResult:
-    """Results of the fusion filter while the board was moved."""
+    """Results of the filter while the board was moved."""
 
-    noise: FusionNoise
-    """Settings of the filter."""
     summary: FusionSummary
     """Summary from the board."""
     time_s: Reals
@@ -87,15 +76,8 @@ class FusionResult:
     """Errors of the filter, and of its two halves alone; all began with the same attitude."""
     cycle_model: str
     """Cycle model of the summary."""
-    predict_range: CycleRange | None
-    update_range: CycleRange | None
-    """Uncertainty range of its largest cycles; None if unknown, or not among the last steps."""
-
-
-def filter_noise(*, magnetometer_sigma_ut: float, field_ut: float, dip_deg: float) -> FusionNoise:
-    """Return the filter's settings for a bench's sensors, with the magnetometer's noise from the rig."""
-    heading_deg = heading_sigma_deg(field_sigma=magnetometer_sigma_ut / field_ut, tilt_deg=_TILT_DEG, dip_deg=dip_deg)
-    return FusionNoise(_RATE_DPS_RTHZ, _TILT_DEG, heading_deg, _GATE_G)
+    cycle_range: CycleRange | None
+    """Uncertainty range of its largest cycles; None if unknown, or not among the last updates."""
 
 
 def measure_fusion(
@@ -103,7 +85,6 @@ def measure_fusion(
     turntable: Turntable,
     *,
     slot: int,
-    noise: FusionNoise,
     readings: int = 16,
     bias_s: float = 2.5,
     progress: Progress | None = None,
@@ -137,7 +118,7 @@ def measure_fusion(
     turntable.rest()
     rest_gyroscope(board, seconds=bias_s, store=True)
     tell("fusion", 1, 2)
-    result = follow_motion(board, turntable.sway, slot=slot, noise=noise, readings=readings)
+    result = follow_motion(board, turntable.sway, slot=slot, readings=readings)
     tell("fusion", 2, 2)
     return result
 
@@ -147,7 +128,6 @@ def follow_motion(
     move: Callable[[], float],
     *,
     slot: int,
-    noise: FusionNoise,
     readings: int = 16,
     longest_s: float = _LONGEST_S,
 ) -> FusionResult:
@@ -160,14 +140,19 @@ def follow_motion(
     longest_s
         Longest time to follow, over which the records are spread.
     """
+    return _result(board, *record_motion(board, move, slot=slot, readings=readings, longest_s=longest_s))
+
+
+def record_motion(
+    board: Board, move: Callable[[], float], *, slot: int, readings: int = 16, longest_s: float = _LONGEST_S
+) -> tuple[FusionSummary, FusionRecords]:
+    """Let the board start the filter at rest and follow a motion; parameters as of `follow_motion`."""
     # The rate of the fastest magnetometer: the board has room for that many records with any sensor.
     every = math.ceil(SAMPLE_RATE_HZ * (longest_s + _AFTER_S) / MAX_FUSION_RECORDS)
-    board.session.request(
-        FusionStart(slot, every, readings, noise.rate_dps_rthz, noise.tilt_deg, noise.heading_deg, noise.gate_g)
-    )
+    board.session.request(FusionStart(slot, every, readings))
     takes_s = min(move(), longest_s)
     summary = board.session.request(FusionRun(round(1e6 * (takes_s + _AFTER_S))))
-    return _result(board, noise, summary, _read(board, summary.records))
+    return summary, _read(board, summary.records)
 
 
 def _read(board: Board, count: int) -> FusionRecords:
@@ -175,7 +160,7 @@ def _read(board: Board, count: int) -> FusionRecords:
     return FusionRecords.joined(parts)
 
 
-def _result(board: Board, noise: FusionNoise, summary: FusionSummary, records: FusionRecords) -> FusionResult:
+def _result(board: Board, summary: FusionSummary, records: FusionRecords) -> FusionResult:
     at = [board.true_attitude(summary.began_us + int(time_us)) for time_us in records.time_us]
     truth = tuple(pose for pose in at if pose is not None)
     is_complete = len(truth) == len(at)
@@ -185,7 +170,6 @@ def _result(board: Board, noise: FusionNoise, summary: FusionSummary, records: F
     )
     time_s = 1e-6 * records.time_us.astype(np.float64)
     return FusionResult(
-        noise,
         summary,
         time_s,
         truth if is_complete else None,
@@ -193,8 +177,7 @@ def _result(board: Board, noise: FusionNoise, summary: FusionSummary, records: F
         measured,
         turned,
         board.cycle_model,
-        board.cycle_range(summary.predicted.largest),
-        board.cycle_range(summary.updated.largest),
+        board.cycle_range(summary.costs.largest),
     )
 
 

@@ -13,15 +13,20 @@ from hiltest.boards import Board, open_board
 from hiltest.calibration.accelerometer import NOMINAL
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import residual_percent
+from hiltest.errors import ConfigError
 from hiltest.interfaces.quantities import Quantity, values_of
 from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
 from hiltest.orientation import DegenerateFieldError
+from hiltest.orientation.attitude_errors import attitude_errors, phases
+from hiltest.orientation.motion_recording import MotionRecording
 from hiltest.procedures.calibrate import CalibratorRun, run_calibrators
+from hiltest.procedures.fusion import record_motion
 from hiltest.procedures.known_angles import Reals
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.reported_headings import CALIBRATED, FIRMWARE, Belief, belief_of, frame_of
 from hiltest.procedures.requested_headings import headings_deg
+from hiltest.procedures.rest import rest_gyroscope
 from hiltest.procedures.tumble import Tumble, collect_until
 from hiltest.rig import COUNTS_PER_UT, Rig
 
@@ -29,6 +34,10 @@ from hiltest.rig import COUNTS_PER_UT, Rig
 _OURS = ("direct", "corrected", "iterative")
 # Number of new samples per heading of a moving board: 50 ms of the slowest magnetometer, 20 ms of the others.
 _READINGS = 4
+# Rest before a motion with true attitudes: the bias is taken from its first half, and the filter begins in the second.
+_SHORTEST_REST_S, _LONGEST_BIAS_S = 2.0, 20.0
+# The firmware's longest run of its filter, less a second for its end. It ends before the last readings, which are held.
+_LONGEST_RUN_S, _HELD_S = 299.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +59,21 @@ class PlayedRow:
 
 
 @dataclass(frozen=True, slots=True)
+class PlayedAttitude:
+    """Errors of an attitude against the recorded one [deg rms], as `hiltest.orientation.attitude_errors` has them."""
+
+    name: str
+    """``attitude filter``; ``accelerometer and magnetometer`` or ``gyroscope``, each alone."""
+    phase: str
+    """``motion``, the benchmark's; for the filter also other phases."""
+    total_deg: float
+    heading_deg: float
+    inclination_deg: float
+    samples: int
+    """Number of attitudes that count."""
+
+
+@dataclass(frozen=True, slots=True)
 class Played:
     """Results of firmware from a recording."""
 
@@ -65,6 +89,8 @@ class Played:
     found: tuple[PlayedRow, ...]
     """If the rig's firmware does not use hiltest's protocol: ``firmware``, its own headings, and ``calibrated``, its
     calibration on the readings of hiltest's firmware; then hiltest's calibrators."""
+    attitudes: tuple[PlayedAttitude, ...] = ()
+    """Errors of the filter of hiltest's firmware for a recording with true attitudes; the others are empty then."""
 
 
 def play_back(
@@ -123,6 +149,21 @@ def play_back(
     )
 
 
+def follow_recording(
+    rig: Rig, playing: str, motion: MotionRecording, *, begins_s: float, firmware: Path | None, progress: Progress
+) -> Played:
+    """Play a rig's recording with true attitudes to hiltest's firmware, which follows it with its filter.
+
+    The gyroscope's bias is taken from the rest before the motion. The recording is calibrated, so the board's
+    calibrations are units alone. Parameters as of `play_back`.
+    """
+    bias_s = _bias_time_s(motion)
+    with open_board(rig, firmware=firmware) as board:
+        attitudes = _follow(board, motion, begins_s, bias_s, progress)
+        remarks = board.stage.said_of_playback if board.stage else []
+    return Played(__version__, playing, len(motion.movement), (), tuple(remarks), (), attitudes)
+
+
 def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tuple[PlayedRow, Belief]:
     """Listen to firmware for the length of a recording, and long enough for its last fit."""
     output = board.output
@@ -175,6 +216,56 @@ def _ask_headings(
         replies.append(board.session.request(Average(_READINGS, mask)))
     tell("hiltest's firmware", len(moments_s), len(moments_s))
     return replies
+
+
+def _bias_time_s(motion: MotionRecording) -> float:
+    """Return the length of the rest from which the gyroscope's bias is taken, or refuse the recording."""
+    rest_s, takes_s = motion.first_motion / motion.rate_hz, len(motion.movement) / motion.rate_hz
+    bias_s = min(_LONGEST_BIAS_S, 0.5 * rest_s)
+    if rest_s < _SHORTEST_REST_S or takes_s - bias_s > _LONGEST_RUN_S:
+        raise ConfigError(
+            f"{motion.name}: {takes_s:.0f} s with a rest of {rest_s:.1f} s before the motion; the filter needs a rest "
+            f"of {_SHORTEST_REST_S:g} s, and follows {_LONGEST_RUN_S:g} s after half of it: cut the recording"
+        )
+    return bias_s
+
+
+def _follow(
+    board: Board, motion: MotionRecording, begins_s: float, bias_s: float, tell: Progress
+) -> tuple[PlayedAttitude, ...]:
+    """Run the filter through a recording."""
+    slot = board.identity.slots - 1
+    board.session.request(SetCalibration(slot, np.eye(3) / COUNTS_PER_UT, np.zeros(3)))
+    board.sleep(max(0.0, begins_s - board.now_s()))
+    tell("the filter", 0, 1)
+    rest_gyroscope(board, seconds=bias_s, store=True)
+    end_s = begins_s + len(motion.movement) / motion.rate_hz - _HELD_S
+    summary, records = record_motion(board, lambda: end_s - board.now_s(), slot=slot, longest_s=end_s - board.now_s())
+    tell("the filter", 1, 1)
+    assert board.stage is not None
+    clock_s: Reals = 1e-6 * (summary.began_us + records.time_us).astype(np.float64)
+    times_s = clock_s + board.stage.firmware_clock_began_s - begins_s
+    truth = motion.truth_at(times_s)
+    samples = np.minimum(np.rint(times_s * motion.rate_hz).astype(np.intp), len(motion.movement) - 1)
+    # The filter starts later than the recording, so the first seconds are not its own.
+    masks = {phase: mask[samples] for phase, mask in phases(motion).items() if phase != "first seconds"}
+    sources = {
+        "attitude filter": (records.fused, masks),
+        "accelerometer and magnetometer": (records.measured, {"motion": masks["motion"]}),
+        "gyroscope": (records.turned, {"motion": masks["motion"]}),
+    }
+    rows = []
+    for name, (attitudes, its_masks) in sources.items():
+        exists = np.isfinite(attitudes).all(axis=1)
+        errors = attitude_errors(attitudes[exists], truth[exists])
+        for phase, mask in its_masks.items():
+            if (score := errors.score(mask[exists])) is not None:
+                rows.append(
+                    PlayedAttitude(
+                        name, phase, score.total_deg, score.heading_deg, score.inclination_deg, score.samples
+                    )
+                )
+    return tuple(rows)
 
 
 def _hiltest_result(run: CalibratorRun, replies: Sequence[AverageReply]) -> PlayedRow:

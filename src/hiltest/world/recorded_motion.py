@@ -10,6 +10,7 @@ from enum import Enum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.orientation.motion_recording import MotionRecording
 from hiltest.state import Restorable
 from hiltest.world.earth_field import Vector
 
@@ -56,6 +57,8 @@ class Playback(Restorable):
         Recorded sensors; other sensors measure the simulated world.
     notes
         Remarks on skipped, recognised or assumed content of the file, one sentence each.
+    motion
+        The recording with its true attitudes, if it has any.
 
     Notes
     -----
@@ -68,8 +71,10 @@ class Playback(Restorable):
         tracks: Mapping[Sensed, Track],
         resampling: Resampling = Resampling.NEAREST,
         notes: Sequence[str] = (),
+        motion: MotionRecording | None = None,
     ) -> None:
         self.name = name
+        self.motion = motion
         self._notes = notes
         self.tracks = tracks
         self.resampling = resampling

@@ -1,13 +1,13 @@
-/* What is no calibrator of points alone, in the shape of one: `dpi`, headings, and steps of the filter. */
+/* What is no calibrator of points alone, in the shape of one: `dpi`, headings, and updates of the filter. */
 #include "calibration/dpi.h"
-#include "orientation/fusion.h"
+#include "orientation/attitude_filter.h"
 #include "orientation/tilt_heading.h"
 
 extern const int16_t cloud_accelerometer[][3];
 
 void kernel_dpi(const magnetometer_points_t *points, magnetometer_fit_t *fit);
 void kernel_tilt_heading(const magnetometer_points_t *points, magnetometer_fit_t *fit);
-void kernel_fusion(const magnetometer_points_t *points, magnetometer_fit_t *fit);
+void kernel_attitude_filter(const magnetometer_points_t *points, magnetometer_fit_t *fit);
 
 void kernel_dpi(const magnetometer_points_t *points, magnetometer_fit_t *fit)
 {
@@ -39,17 +39,15 @@ void kernel_tilt_heading(const magnetometer_points_t *points, magnetometer_fit_t
     }
 }
 
-void kernel_fusion(const magnetometer_points_t *points, magnetometer_fit_t *fit)
+void kernel_attitude_filter(const magnetometer_points_t *points, magnetometer_fit_t *fit)
 {
-    static fusion_t state;
-    static const fusion_noise_t noise = {3e-6f, 8e-5f, 1e-3f, 0.5f};
-    static const float level[4] = {0.0f, 0.0f, 0.0f, 1.0f};
-    fusion_start(&state, &noise, level);
+    static attitude_filter_t state;
+    static const float no_bias_rad_s[3];
+    attitude_filter_init(&state, no_bias_rad_s);
     for (uint16_t i = 0; i < points->count; i++) {
         float gravity_g[3], field[3];
         read_pair(points, i, gravity_g, field);
-        (void)fusion_predict(&state, &noise, gravity_g, 0.005f); /* any rate will do */
-        (void)fusion_update(&state, &noise, gravity_g, field);
+        (void)attitude_filter_update(&state, gravity_g, gravity_g, field, 0.05f); /* any rate will do */
     }
-    fit->coverage = state.tilt_variance;
+    attitude_filter_attitude(&state, &fit->soft_iron[0]);
 }

@@ -13,6 +13,7 @@ from hiltest.interfaces.packets import AxisConvention, MainPacket
 from hiltest.interfaces.sensor_files.parsed_lines import UTF16_MARKS
 from hiltest.interfaces.sensor_files.tracks import Recorded, read_table, rotate_to_body
 from hiltest.json_files import read_bounded
+from hiltest.orientation.motion_recording import read_motion_recording
 from hiltest.rig import Rig
 from hiltest.rig.recorded_motion import PlaybackFile, PlayedSensor
 from hiltest.world.recorded_motion import Playback, Resampling, Sensed, Track
@@ -54,6 +55,8 @@ def read_playback(path: Path, settings: PlaybackFile) -> Playback:
         When it cannot be read or interpreted; the message has the file, and the line of a table.
     """
     data = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="give a recording")
+    if path.suffix == ".npz":
+        return placed(path.name, _read_archive(path, settings), settings)
     # Packets contain zero bytes, UTF-8 text does not.
     is_stream = b"\0" in data[:_LOOKED_AT] and path.suffix != ".gz" and not _is_utf16(data[:_LOOKED_AT])
     recorded = _read_packets(path, data, settings) if is_stream else read_table(path, settings)
@@ -75,7 +78,7 @@ def placed(name: str, recorded: Recorded, settings: PlaybackFile) -> Playback:
     else:
         shift_s = (START_S if settings.start_s is None else settings.start_s) - first_s
     tracks = {sensed: Track(track.times_s + shift_s, track.readings) for sensed, track in recorded.tracks.items()}
-    return Playback(name, tracks, Resampling(settings.resampling), recorded.notes)
+    return Playback(name, tracks, Resampling(settings.resampling), recorded.notes, recorded.motion)
 
 
 def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:
@@ -86,6 +89,20 @@ def _refuse_implausible(path: Path, sensed: Sensed, track: Track) -> None:
             f"{path}: its {sensed.key} reads {middle:.4g} {sensed.unit} in the median, and {low:g} to "
             f"{high:g} is what one can: say the right unit with world.playback.{sensed.key}.unit"
         )
+
+
+def _read_archive(path: Path, settings: PlaybackFile) -> Recorded:
+    """Read a motion with its true attitude, whose sensors have the axes of the body."""
+    if settings != PlaybackFile(settings.file, settings.start_s, settings.resampling):
+        raise ConfigError(f"{path}: units, axes and times of an archive are fixed; leave file, start_s and resampling")
+    motion = read_motion_recording(path)
+    times_s = np.arange(len(motion.movement)) / motion.rate_hz
+    readings = {
+        Sensed.MAGNETOMETER: motion.field_ut,
+        Sensed.ACCELEROMETER: motion.gravity_g,
+        Sensed.GYROSCOPE: np.degrees(motion.gyroscope_rad_s),
+    }
+    return Recorded({sensed: Track(times_s, values) for sensed, values in readings.items()}, motion=motion)
 
 
 def _read_packets(path: Path, data: bytes, settings: PlaybackFile) -> Recorded:

@@ -22,6 +22,7 @@ from hiltest.interfaces.sensor_files.columns import (
     seconds_of,
 )
 from hiltest.interfaces.sensor_files.table import open_table
+from hiltest.orientation.motion_recording import MotionRecording
 from hiltest.rig.recorded_motion import UNITS, PlaybackFile, PlayedSensor, factor_of
 from hiltest.world.recorded_motion import Reals, Sensed, Track
 
@@ -48,6 +49,8 @@ class Recorded:
     """Virtual time at which that clock started, if the recording has it."""
     notes: tuple[str, ...] = ()
     """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
+    motion: MotionRecording | None = None
+    """The same with true attitudes, if the recording has any."""
 
 
 @dataclass(frozen=True, slots=True)

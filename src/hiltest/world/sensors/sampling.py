@@ -27,7 +27,7 @@ _TOLERANCE_TICKS = 1e-9
 
 _NO_SAMPLE: Counts = (0, 0, 0)
 _NEVER = (math.inf, math.inf)
-_DELIVERIES_AT_MOST = 16_384  # more than the longest series of one request, 12 000 samples
+_DELIVERIES_AT_MOST = 65_536  # more than the longest series of one request, 60 000 samples
 
 
 class Delivery(NamedTuple):
