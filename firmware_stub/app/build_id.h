@@ -1,6 +1,6 @@
 /**
  * @file build_id.h
- * @brief What this firmware was built from.
+ * @brief The sources that this firmware was built from.
  */
 #ifndef HILTEST_BUILD_ID_H
 #define HILTEST_BUILD_ID_H

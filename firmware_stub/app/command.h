@@ -1,6 +1,6 @@
 /**
  * @file command.h
- * @brief What a command is, and the handlers of all of them.
+ * @brief The type of a command, and the handlers of all commands.
  */
 #ifndef HILTEST_COMMAND_H
 #define HILTEST_COMMAND_H

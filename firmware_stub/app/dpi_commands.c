@@ -43,7 +43,7 @@ static FAST_CODE void fit_poses(const void *task, void *result)
     dpi_from_poses(&it->poses, &it->known, result);
 }
 
-/** What the data say of the field: dip [deg], and strength as the sensor shows it [counts]; NaN when they do not. */
+/** The field by the data: dip [deg], and strength as the sensor shows it [counts]; NaN if the data do not determine it. */
 static void write_estimates(payload_writer_t *reply, const dpi_known_t *known, bool is_joint, const dpi_fit_t *result)
 {
     const float *const c = result->fit.soft_iron;
@@ -71,7 +71,7 @@ status_t command_fit_dpi(payload_reader_t *request, payload_writer_t *reply)
     const bool is_joint = (flags & FLAG_JOINT) != 0u;
     const float dip_deg = read_f32(request);
     if (source > SOURCE_POSES || count == 0u || slot >= SLOT_COUNT || flags > (FLAG_DIP_GIVEN | FLAG_JOINT) ||
-        (is_joint && source != SOURCE_PAIRS) ||        !(fabsf(dip_deg) <= 90.0f)) {
+        (is_joint && source != SOURCE_PAIRS) || !(fabsf(dip_deg) <= 90.0f)) {
         return STATUS_BAD_ARGUMENT;
     }
     if (count > (source == SOURCE_PAIRS ? points_count() : poses_count())) {

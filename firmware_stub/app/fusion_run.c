@@ -14,7 +14,7 @@
 
 static const float no_rate_rad_s[3];
 
-/* What was set up, and what is kept. */
+/* The settings of a run, and its records. */
 static struct {
     bool started;
     fusion_settings_t settings;
@@ -23,7 +23,7 @@ static struct {
     fusion_record_t records[FUSION_RECORDS_MAXIMUM];
 } kept;
 
-/* What goes on in one run. */
+/* The state of one run. */
 typedef struct {
     sampler_t gyroscope;
     sampler_t magnetometer;

@@ -22,7 +22,7 @@ typedef struct {
     int16_t turned[4];   /**< gyroscope alone */
 } fusion_record_t;
 
-/** What a run did. */
+/** The result of a run. */
 typedef struct {
     uint64_t began_us;       /**< on the board's clock */
     uint16_t records;        /**< kept */

@@ -10,7 +10,7 @@ typedef struct {
     float bias[3];   /**< [counts] */
 } gyroscope_calibration_t;
 
-/** What the board holds: after a reset 1/16 deg/s a count, as the data sheet says, and no bias. */
+/** The calibration of the board: after a reset 1/16 deg/s a count, as the data sheet says, and no bias. */
 const gyroscope_calibration_t *gyroscope_calibration(void);
 
 void gyroscope_calibration_set(const gyroscope_calibration_t *calibration);

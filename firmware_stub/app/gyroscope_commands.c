@@ -19,7 +19,7 @@
 /** Samples whose sum is reported from either end of a turn, so that the host sees whether it stood still there. */
 #define EDGE_SAMPLES 20u
 
-/** What is done with every sample of a series; `index` counts from 0. */
+/** Is called with every sample of a series; `index` counts from 0. */
 typedef void (*sample_taker_t)(void *context, uint32_t index, const int16_t body[3]);
 
 __attribute__((noinline)) static sensor_status_t

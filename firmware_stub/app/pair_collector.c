@@ -3,7 +3,7 @@
 #include "boards/time_base.h"
 #include "points_buffer.h"
 
-/** What was read, and between which times it became ready. */
+/** A reading, and the times between which it became ready. */
 typedef struct {
     int16_t body[3];
     uint64_t earliest_us, latest_us;

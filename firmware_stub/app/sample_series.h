@@ -16,7 +16,7 @@ typedef struct {
     vector_statistics_t statistics;
 } series_t;
 
-/** What an attitude is made of: the first kinds, SENSOR_MAGNETOMETER and SENSOR_ACCELEROMETER. */
+/** The sensors of an attitude: the first kinds, SENSOR_MAGNETOMETER and SENSOR_ACCELEROMETER. */
 #define ATTITUDE_KINDS 2u
 
 /**

@@ -9,7 +9,7 @@
 
 #include "orientation/attitude_filter.h"
 
-/** What updates have cost; all zero is the start. */
+/** The cost of updates; all zero at the start. */
 typedef struct {
     uint32_t updates;
     uint32_t largest_cycles; /**< of one update; the cost of an empty one is subtracted here and below */

@@ -1,6 +1,6 @@
 /**
  * @file timed_run.h
- * @brief What a calibrator costs, in core clock cycles.
+ * @brief The cost of a calibrator, in core clock cycles.
  */
 #ifndef HILTEST_TIMED_RUN_H
 #define HILTEST_TIMED_RUN_H

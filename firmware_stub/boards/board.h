@@ -1,6 +1,6 @@
 /**
  * @file board.h
- * @brief What every board provides besides its UART, I2C buses, time base and cycle counter.
+ * @brief The functions that every board provides besides its UART, I2C buses, time base and cycle counter.
  */
 #ifndef HILTEST_BOARD_H
 #define HILTEST_BOARD_H

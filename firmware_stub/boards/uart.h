@@ -10,8 +10,8 @@
 #include <stdint.h>
 
 /**
- * Received bytes are handed over up to the last of these that came. What comes behind it waits for the next one, or until it is
- * half of the buffer, so the main loop is not woken for a part of a frame, and a line that never ends a frame fills nothing.
+ * Received bytes are handed over up to the last of these that came. Bytes behind it wait for the next one, or until they
+ * fill half of the buffer, so the main loop is not woken for a part of a frame, and a line that never ends a frame fills nothing.
  */
 #define UART_LAST_BYTE 0x7Eu
 

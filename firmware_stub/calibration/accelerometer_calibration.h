@@ -1,6 +1,6 @@
 /**
  * @file accelerometer_calibration.h
- * @brief What an accelerometer calibration is, and how it is applied.
+ * @brief The type of an accelerometer calibration, and its application.
  */
 #ifndef HILTEST_ACCELEROMETER_CALIBRATION_H
 #define HILTEST_ACCELEROMETER_CALIBRATION_H
@@ -14,7 +14,7 @@ typedef struct {
 /** By the data sheet, at 4 g full scale. */
 #define ACCELEROMETER_G_PER_COUNT (1.0f / 8192.0f)
 
-/** What the part is by its data sheet: no offset, no gain error. */
+/** The part as its data sheet has it: no offset, no gain error. */
 extern const accelerometer_calibration_t accelerometer_nominal;
 
 /** Apply a calibration to counts; `gravity_g` gets the corrected gravity, of norm 1 while the board is still. */

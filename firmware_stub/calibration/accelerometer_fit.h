@@ -73,7 +73,7 @@ void accelerometer_no_fit(accelerometer_status_t status, uint8_t faces, uint8_t 
  * face is there once; poses that are no face are left out. */
 float accelerometer_face_residual_mg(const still_poses_t *poses, const accelerometer_calibration_t *calibration);
 
-/** What a calibration leaves of 1 g: rms of the norm less it, over all poses [mg]. */
+/** The residual of a calibration: rms over all poses of the norm minus 1 g [mg]. */
 float accelerometer_norm_residual_mg(const still_poses_t *poses, const accelerometer_calibration_t *calibration);
 
 #endif

@@ -24,7 +24,7 @@
 #define LARGE_NOISE 0.1f
 #define LARGE_VARIANCE (3.0f * LARGE_NOISE * LARGE_NOISE) /* of level */
 
-/* A variance that leaves no ellipsoid is too large. What these shrink it to together, 6 %, would correct nothing. */
+/* A variance that leaves no ellipsoid is too large. The 6 % that all shrinks together leave of it would correct nothing. */
 #define SHRINK 0.7f
 #define SHRINKS 8
 

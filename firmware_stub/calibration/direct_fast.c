@@ -3,7 +3,7 @@
  * @brief `direct-fast`: the fit of `direct` on moments of two points a word: fewer cycles, for an error that is printed beside them.
  *
  * The equations are those of direct.c (Mucciaccia 2020, eq. 36 to 65, corrected). The sums are rounded, in a scheme of our own:
- * packed_moments.h. What they do not carry is left to `direct`: small pivots, and so the error that these predict.
+ * packed_moments.h. Sums that they cannot represent are left to `direct`: small pivots, and so the error that these predict.
  */
 #include "closed_form.h"
 #include "fast_code.h"

@@ -97,7 +97,7 @@ static FAST_CODE void calibrate(const dpi_sums_t *sums, const float x[UNKNOWNS],
         fit_nothing(FIT_SINGULAR, &result->fit);
         return;
     }
-    /* What is left of 1 is the mean square of the residuals, for they are orthogonal to what is fitted. */
+    /* The rest to 1 is the mean square of the residuals, because they are orthogonal to the fit. */
     const float left = explained < 1.0f ? (1.0f - explained) * n / (n - (float)UNKNOWNS) : 0.0f;
     const float size = explained / __builtin_sqrtf(square);
     result->sine = determinant > 0.0f ? size : -size;

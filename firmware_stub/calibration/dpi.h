@@ -36,7 +36,7 @@ typedef struct {
     uint16_t count;
 } dpi_poses_t;
 
-/** What is known before the fit. */
+/** The facts that are known before the fit. */
 typedef struct {
     accelerometer_calibration_t accelerometer;
     float sine;           /**< of the dip, positive where the field points down; not looked at unless it is given */

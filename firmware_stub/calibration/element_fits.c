@@ -28,7 +28,7 @@ FAST_CODE bool element_fit_4(const moments_t *sums, const int32_t anchor[3], tri
     if (!(sphere.square >= lowest && sphere.square <= highest)) {
         return false;
     }
-    /* What least squares leaves of sum |p|^4. */
+    /* The part of sum |p|^4 that least squares leaves. */
     const float error = s->xxxx + s->yyyy + s->zzzz + 2.0f * (s->xxyy + s->xxzz + s->yyzz) - sphere.explained;
     trial->fit_error_percent = 50.0f * __builtin_sqrtf((error > 0.0f ? error : 0.0f) / s->one) / sphere.square;
     place_hard_iron(anchor, sphere.centre, trial);

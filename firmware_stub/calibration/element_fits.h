@@ -15,7 +15,7 @@
 #include "jacobi.h"
 #include "moments.h"
 
-/** What the libraries take for the strength of the earth's field [counts]: 10 and 90 uT. */
+/** The strengths of the earth's field that the libraries accept [counts]: 10 and 90 uT. */
 #define ELEMENT_FITS_WEAKEST 100.0f
 #define ELEMENT_FITS_STRONGEST 900.0f
 

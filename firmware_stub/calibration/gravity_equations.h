@@ -1,6 +1,6 @@
 /**
  * @file gravity_equations.h
- * @brief What `dpi` and `joint` share: twelve unknowns of a gain and a constant, their equations, and the calibration from them.
+ * @brief The part that `dpi` and `joint` share: twelve unknowns of a gain and a constant, their equations, and the calibration from them.
  *
  * Unknowns are in the order of a 3x4 matrix: for each component of the corrected field its constant and its three gains.
  */
@@ -11,7 +11,7 @@
 
 #define GRAVITY_UNKNOWNS 12
 
-/** What stands for the coverage when a pivot vanishes; of `dpi` the last one falls with the square of the dip besides. */
+/** The stand-in for the coverage when a pivot vanishes; of `dpi` the last one falls with the square of the dip besides. */
 #define LAST_PIVOT_LIMIT 1.0e6f
 
 /** Rows 0..11 are the normal equations' lower triangle, row 12 the target. */
@@ -26,7 +26,7 @@ typedef struct {
     float unit;            /**< [counts] */
 } gravity_solution_t;
 
-/** What is subtracted from the equations while they are factored: `share border border'`; zeros where there is nothing. */
+/** The matrix that is subtracted from the equations while they are factored: `share border border'`; zeros where there is nothing. */
 typedef struct {
     float reciprocals[GRAVITY_UNKNOWNS]; /**< of the pivots so far, then zeros */
     float border[GRAVITY_UNKNOWNS + 1];  /**< the last is the target's, zero */

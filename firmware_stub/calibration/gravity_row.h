@@ -9,7 +9,7 @@
 
 #define GRAVITY_INLINE static inline __attribute__((always_inline))
 
-/** What makes gravity [g] of acceleration counts. A copy stays in registers, for what rows are stored into cannot overlap it. */
+/** The factors from acceleration counts to gravity [g]. A copy stays in registers, because the memory of the rows cannot overlap it. */
 typedef struct {
     float gain[9];
     float at_zero[3]; /**< gravity without acceleration counts: -gain * offset */

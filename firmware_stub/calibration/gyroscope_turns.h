@@ -51,7 +51,7 @@ typedef struct {
     float residual_deg;    /**< rms of `matrix * integral - turned` over all turns; 0 for three, which are met exactly */
 } gyroscope_turns_fit_t;
 
-/** What the gyroscope gave in a turn, without bias [count s]; all zero when there are no samples or no time. */
+/** The integral of the gyroscope over a turn, without bias [count s]; all zero when there are no samples or no time. */
 void gyroscope_turn_integral(const gyroscope_turn_t *turn, float integral[3]);
 
 /** Fit the matrix. Bounded: one pass over the turns and two inverses in closed form. */

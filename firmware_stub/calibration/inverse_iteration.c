@@ -16,7 +16,7 @@
 /* Squared change of a unit vector at which the iteration ends; rounding alone makes about 1e-13. */
 #define NEGLIGIBLE 1.0e-11f
 
-/* What stands for a pivot that vanishes, as part of the matrix' first element. */
+/* The stand-in for a pivot that vanishes, as part of the matrix' first element. */
 #define SMALLEST_PIVOT 1.0e-9f
 
 /* Factor in place: `upper` holds L' then, and `values` the reciprocals of the pivots. Without noise the last pivot is rounding, of either

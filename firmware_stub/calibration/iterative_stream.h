@@ -32,7 +32,7 @@
 #include "magnetic_buffer.h"
 #include "stream_calibrator.h"
 
-/** What a solver does next. */
+/** The next step of a solver. */
 typedef enum {
     WORK_NONE = 0,
     WORK_SUMS,

@@ -81,7 +81,7 @@ static inline void rotate_matrix(rotation_t r, jacobi_t *m, int i, int j)
 }
 #endif
 
-/* The largest matrix is kept whole, both halves of it: then its rows are rotated at one stretch. What this makes of its diagonal
+/* The largest matrix is kept whole, both halves of it: then its rows are rotated in one loop. Its diagonal after that
  * is never read. */
 static inline __attribute__((always_inline)) void rotate_largest(rotation_t r, jacobi_t *m, int i, int j)
 {

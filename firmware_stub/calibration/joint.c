@@ -25,7 +25,7 @@
  * brings together it is 0.3 or more, of noise of a tenth of the field 0.1. */
 #define LARGEST_ERROR 0.2f
 
-/* What a step needs besides the sums. */
+/* The inputs of a step besides the sums. */
 typedef struct {
     union { /* the equations are assembled when all rows are added */
         gravity_equations_t m;
@@ -108,7 +108,7 @@ static FAST_CODE void assemble(const joint_sums_t *sums, float count, joint_step
     step->column.share = per_weight / count;
 }
 
-/* What the solution leaves of the squares, and the sine that it moves. */
+/* The sum of squares that the solution leaves, and the sine that it moves. */
 static FAST_CODE void judge(const joint_sums_t *sums, float count, const float change[UNKNOWNS], joint_step_t *step)
 {
     float explained = 0.0f, moved = sums->dots;

@@ -30,7 +30,7 @@ typedef struct {
 /** How many rows are made before they are added: to load and store the sums takes 230 cycles, whatever their number. */
 #define JOINT_ROWS 50u
 
-/** What rows are made of, and what is summed of them at once. */
+/** The data of rows, and the sums of a block of them. */
 typedef struct {
     gravity_t gravity;
     float x[12]; /**< `f_r = x[4 r] + x[4 r + 1 ..] . counts` */

@@ -8,13 +8,13 @@
 #include "moments.h"
 #include "quadric.h"
 
-/** What stands for M_ii/d_i when a pivot vanishes: float32 cannot tell larger ratios from rounding. */
+/** The stand-in for M_ii/d_i when a pivot vanishes: float32 cannot tell larger ratios from rounding. */
 #define COVERAGE_SINGULAR 1.0e6f
 
 /** The unknowns but the constant, in their order. */
 #define SOLUTION_UNKNOWNS 8
 
-/** What least squares finds, and the error that it leaves least determined. */
+/** The solution of least squares, and its least determined error. */
 typedef struct {
     quadric_t quadric;
     /** The constant's error moves the other unknowns by -weakest of it: the last row of L, solved for. */

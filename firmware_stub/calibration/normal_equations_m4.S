@@ -39,7 +39,7 @@
     .set YYZZ, 128
     .set YZZZ, 132
 
-/* What waits on the stack: three elements of L a row, columns 3 and 4 between them, then y0 to y2 [bytes from sp] */
+/* The stack: three elements of L a row, columns 3 and 4 between them, then y0 to y2 [bytes from sp] */
     .set L_ROWS_1_TO_3, 0
     .set COLUMN_3, 24
     .set L_ROW_4, 52

@@ -68,8 +68,8 @@ INLINE int32_t farthest(const magnetometer_points_t *points, const int32_t ancho
     return most;
 }
 
-/* One block again, with a K smaller by one, which makes fourth powers a sixteenth; then it stays at that. What that does not hold
- * either is summed one point at a time. */
+/* One block again, with a K smaller by one, which makes fourth powers a sixteenth; then it stays at that. Blocks that this K does not hold
+ * either are summed one point at a time. */
 static FAST_CODE __attribute__((noinline)) void sum_again(packed_block_t *block, const int32_t anchor[3], moments_t *sums)
 {
     const int32_t shift = shift_of(block);

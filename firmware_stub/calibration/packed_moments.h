@@ -13,8 +13,8 @@
  * Preconditions of the kernel: K as below, which the range must be known for (no flag shows when a coordinate does not fit); at most
  * PACKED_BLOCK_POINTS points, from word-aligned memory. packed_moments_sum sees to all of them.
  *
- * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 320 a block. What that leaves of the accuracy is in
- * DESIGN.md beside where the cycles go. The scheme is our own; the sums are those of moments.h.
+ * Costs, in the cycle model at zero wait states: 50.8 cycles a point and 320 a block. The accuracy that remains is in
+ * DESIGN.md beside the cycles of each part. The scheme is our own; the sums are those of moments.h.
  */
 #ifndef HILTEST_PACKED_MOMENTS_H
 #define HILTEST_PACKED_MOMENTS_H
@@ -32,7 +32,7 @@ typedef struct {
     uint32_t xx, yy, zz, xy, xz, yz; /**< [2^(16-2K) counts^2] */
 } packed_pair_t;
 
-/** What the kernel is to do. All coordinates times 2^K must be within -32767 and 32767. */
+/** The task of the kernel. All coordinates times 2^K must be within -32767 and 32767. */
 typedef struct {
     const int16_t (*points)[3]; /**< [counts], word-aligned */
     packed_pair_t *pairs;       /**< scratch, (count + 1) / 2 of them */

@@ -37,7 +37,7 @@
     .set RAW, 12 /* two points as they come */
     .set RAW_LAST, RAW * (UNROLLED - 1)
 
-/* What passes find in the FPU; the registers below hold sums */
+/* Registers of the FPU that passes read; the registers below hold sums */
 block   .req s9  /* the argument, until sums of degree 2 are converted */
 sums    .req s10 /* the argument */
 first   .req s11 /* address of Z in the last pair of the first round, of which the leading ones may be left out */

@@ -1,6 +1,6 @@
 /**
  * @file still_pose.h
- * @brief What magnetometer and accelerometer read while the board stood still somewhere.
+ * @brief The readings of magnetometer and accelerometer while the board stood still.
  */
 #ifndef HILTEST_STILL_POSE_H
 #define HILTEST_STILL_POSE_H

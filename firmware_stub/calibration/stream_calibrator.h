@@ -23,7 +23,7 @@ typedef enum {
     STREAM_EMPTY,        /**< no point is held that could be removed */
 } stream_status_t;
 
-/** What a stream calibrator knows after the points so far. */
+/** The state of knowledge of a stream calibrator after the points so far. */
 typedef struct {
     magnetometer_fit_t fit;
     uint16_t held;           /**< points that the fit is, or would be, made of */

@@ -1,4 +1,4 @@
-/** @file compass.h @brief What main.c, background.c and output_*.c share. x is forward, y right, z down. */
+/** @file compass.h @brief Declarations that main.c, background.c and output_*.c share. x is forward, y right, z down. */
 #ifndef COMPASS_H
 #define COMPASS_H
 
@@ -8,7 +8,7 @@
 #define UT_PER_COUNT 0.1f
 #define POINTS_KEPT 256u /* more than lie apart in the strongest field, 67 uT */
 
-/** What is known of the iron nearby: `field = soft_iron * (counts - hard_iron)`, in counts too. */
+/** The calibration for the iron nearby: `field = soft_iron * (counts - hard_iron)`, in counts too. */
 typedef struct {
     float hard_iron[3];  /**< [counts] */
     float soft_iron[9];  /**< row-major 3x3, its diagonal 1 in the mean */
@@ -24,7 +24,7 @@ typedef struct {
     iron_t iron;
 } background_t;
 
-/** What the compass knows at a moment. */
+/** The state of the compass at a moment. */
 typedef struct {
     uint32_t time_us;
     float gravity[3]; /**< [g]; level is 0, 0, 1 */

@@ -1,4 +1,4 @@
-/** @file output_lines.c @brief What the compass says, as lines. */
+/** @file output_lines.c @brief The output of the compass, as lines. */
 #include <math.h>
 #include <string.h>
 

@@ -3,7 +3,7 @@
  * @brief Byte stuffing with 0x7E as delimiter and 0x7D as escape: where a body of bytes starts and ends on the wire.
  *
  * On the wire a frame is 0x7E body 0x7E, and in the body 0x7E becomes 7D 5E and 0x7D becomes 7D 5D. One delimiter may end a frame
- * and start the next; an empty body means nothing. What the body holds is the matter of the layer above.
+ * and start the next; an empty body means nothing. The layer above defines the body.
  */
 #ifndef HILTEST_STUFFING_H
 #define HILTEST_STUFFING_H

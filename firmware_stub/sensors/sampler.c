@@ -30,7 +30,7 @@ static uint32_t lead_us(uint32_t period_us, uint8_t hits)
     return period_us / 64u << (doublings < 3u ? doublings : 3u);
 }
 
-/** What the look at now_us, which found a sample, says of its instant. */
+/** The instant of a sample that was ready when the sensor was polled at now_us. */
 static void bound_instant(sampler_t *sampler, uint64_t now_us, bool overrun)
 {
     const uint32_t period_us = sampler->sensor->driver->period_us;

@@ -34,7 +34,7 @@ static int16_t big_endian(const uint8_t bytes[2])
     return (int16_t)(uint16_t)(bytes[0] << 8 | bytes[1]);
 }
 
-/** What a burst has behind the status; the axes leave in the body frame. */
+/** The bytes of a burst behind the status; the axes leave in the body frame. */
 static inline __attribute__((always_inline)) void take_vector(const sensor_t *sensor, const uint8_t bytes[BURST_BYTES], int16_t body[3])
 {
     const int16_t axes[3] = {big_endian(&bytes[1]), big_endian(&bytes[3]), big_endian(&bytes[5])};

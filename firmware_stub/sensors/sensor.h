@@ -41,7 +41,7 @@ typedef struct {
     uint32_t start_up_us;    /**< from the last setting to the first sample, at least */
 } fifo_layout_t;
 
-/** What a driver knows about its part. */
+/** The constants of a driver's part. */
 typedef struct {
     sensor_kind_t kind;
     uint8_t who_am_i_register;

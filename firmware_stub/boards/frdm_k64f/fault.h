@@ -1,6 +1,6 @@
 /**
  * @file fault.h
- * @brief What happens when something happens that must not.
+ * @brief The handler of faults.
  */
 #ifndef HILTEST_FAULT_H
 #define HILTEST_FAULT_H

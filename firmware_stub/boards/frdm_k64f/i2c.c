@@ -26,7 +26,7 @@
 
 typedef struct bus bus_t;
 
-/** What to do when the byte that is under way has ended; `status` is S with it. */
+/** The next step when the byte that is under way has ended; `status` is S with it. */
 typedef void (*step_t)(bus_t *bus, uint8_t status);
 
 struct bus {

@@ -6,8 +6,8 @@
  * Each is run whole, and entered in its middle. Both runs have the same way in, a branch to a place that stands alike in the lines
  * of the memory, and the same end, so that their difference is what the first half adds: nothing of what a run costs at its edges.
  *
- * Behind each stands an instruction that needs the FPU, so that nothing goes on behind its end. What the registers s0 to s15 hold
- * does not matter: no instruction of this core takes longer for it.
+ * Behind each stands an instruction that needs the FPU, so that nothing goes on behind its end. The contents of the registers s0 to s15
+ * do not matter: no instruction of this core takes longer for any of them.
  *
  * Entering an exception and returning from it can only be measured apart from within its handler. The sequences for them read the
  * cycle counter themselves: r8 is what it was before the supervisor call, r9 at the handler's first instruction, r10 at its last but
@@ -82,7 +82,7 @@
     EACH(exception_entry, FROM_WITHIN("svc #0", "r8", "r9"))                                                                      \
     EACH(exception_return, FROM_WITHIN("svc #0", "r10", "r11"))
 
-/* What leads to half a word, slowly enough for nothing to be left of what was before, and what fills a line up from a word on. */
+/* The code that leads to half a word, so slowly that earlier effects have ended, and the code that fills a line up from a word on. */
 #define TO_WORDS "\tnop.w\n\tnop.w\n\tnop.w\n"
 #define TO_HALF_A_WORD TO_WORDS "\tnop\n"
 
@@ -143,7 +143,7 @@ extern uint32_t sequence_enter(uint32_t *buffer, uintptr_t place);
             "\t.size sequence_" #name "_" #place ", . - sequence_" #name "_" #place "\n\t.popsection\n");                         \
     extern const char sequence_##name##_##place[];
 
-/* What a BL goes to, 8: in a line of its own, which the sequences of its memory share. */
+/* The target of a BL, 8: in a line of its own, which the sequences of its memory share. */
 #define CALLEE(section)                                                                                                           \
     __asm__("\t.pushsection " section ", \"ax\", %progbits\n\t.balign 16\n8:\tbx lr\n\t.balign 16\n\t.popsection\n");
 
@@ -216,7 +216,7 @@ FAST_CODE __attribute__((noinline)) static uint32_t count_sequence(const timed_s
     interrupts_disable(enabled);
     const uint32_t flash_bank_0 = FMC_PFB0CR;
     const uint32_t flash_bank_1 = FMC_PFB1CR;
-    /* What one run leaves in the cache must not make the next one faster: from SRAM too, for the vector of exceptions is in flash. */
+    /* Lines that one run leaves in the cache must not make the next one faster, from SRAM neither: the vectors are in flash. */
     FMC_PFB0CR = (flash_bank_0 & ~off) | FMC_PFB_INVALIDATE;
     FMC_PFB1CR = flash_bank_1 & ~off; /* bank 0's invalidates both */
     exceptions_are_timed = timed->from_within;
