@@ -12,7 +12,7 @@ import pytest
 
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.judge import host_calibrator
-from hiltest.judge.answers import Answer
+from hiltest.judge.answers import Answer, Outcome, rate
 from hiltest.judge.build import header_folder
 from hiltest.judge.entries import open_entry
 from hiltest.judge.image_calibrator import ImageCalibrator
@@ -61,6 +61,14 @@ def leaves(samples):
 
 def shapes(samples):
     return 1.0, np.eye(3)
+
+
+def lacks(samples):
+    return np.eye(3)
+
+
+def roots(samples):
+    return np.zeros(3) + 0j, np.sqrt(np.diag([1.0, 1.0, -1.0]).astype(complex))
 
 
 def eats(samples):
@@ -160,6 +168,12 @@ def test_a_python_function_is_judged_and_what_it_prints_is_no_answer(python_file
     assert np.abs(answer_of(f"{python_file}:pairs").hard_iron_ut - gravity).max() < 1e-6
 
 
+def test_a_complex_root_is_no_ellipsoid_and_a_complex_zero_is_a_number(python_file: str) -> None:
+    answer = answer_of(f"{python_file}:roots")
+    assert answer.hard_iron_ut.tolist() == [0.0, 0.0, 0.0]
+    assert rate(answer, WORLD).outcome is Outcome.NO_ELLIPSOID
+
+
 @pytest.mark.parametrize(
     ("function", "message"),
     [
@@ -167,6 +181,7 @@ def test_a_python_function_is_judged_and_what_it_prints_is_no_answer(python_file
         ("raises", "fails in world rig/7: ValueError: two lines"),
         ("leaves", "fails in world rig/7: SystemExit: 3"),
         ("shapes", r"returned shapes \(\) and \(3, 3\)"),
+        ("lacks", "lacks returned no pair of hard iron and soft iron"),
         ("eats", "fails in world rig/7: .*MemoryError"),
         ("missing", "has no attribute 'missing'"),
     ],

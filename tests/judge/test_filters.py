@@ -79,6 +79,16 @@ class Diverging(Heading):
 class Wide(Heading):
     def heading(self):
         return np.zeros(3)
+
+
+class Absent(Heading):
+    def heading(self):
+        return None
+
+
+class Exacting(Heading):
+    def update(self, *values):
+        assert all(vector.dtype == np.float64 for vector in values[:3]), "a package in C++ takes no other type"
 """
 
 
@@ -201,11 +211,19 @@ def test_a_filter_without_a_function_of_the_contract_is_refused(
 
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [("Diverging", "in the motion rig: a heading is not finite"), ("Wide", r"TypeError: the answer has shape \(3,\)")],
+    [
+        ("Diverging", "in the motion rig: a heading is not finite"),
+        ("Wide", r"TypeError: the answer has shape \(3,\)"),
+        ("Absent", "shape None"),
+    ],
 )
 def test_answers_that_are_none_have_no_row(write: Write, kind: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         result_of(f"{write(PYTHON, 'heading.py')}:{kind}")
+
+
+def test_a_python_filter_gets_float64(write: Write) -> None:
+    assert result_of(f"{write(PYTHON, 'heading.py')}:Exacting").scores
 
 
 def test_a_fault_names_motion_and_reading(write: Write) -> None:

@@ -123,7 +123,9 @@ def _python_function(file: Path, name: str) -> Callable[[list[Any]], _Result]:
         microseconds = 1e6 * (time.perf_counter() - began)
         if result is None:
             return REFUSED, microseconds, np.full(12, np.nan)
-        hard_iron, soft_iron = (np.asarray(part, dtype=np.float64) for part in result)
+        if not isinstance(result, (tuple, list)) or len(result) != 2:
+            raise TypeError(f"{name} returned no pair of hard iron and soft iron, and not None to refuse")
+        hard_iron, soft_iron = (_real(part) for part in result)
         if hard_iron.shape != (3,) or soft_iron.shape != (3, 3):
             raise TypeError(
                 f"{name} returned shapes {hard_iron.shape} and {soft_iron.shape}, not (3,) of the hard iron and (3, 3) "
@@ -132,6 +134,12 @@ def _python_function(file: Path, name: str) -> Callable[[list[Any]], _Result]:
         return 0, microseconds, np.concatenate([hard_iron, soft_iron.ravel()])
 
     return calibrate
+
+
+def _real(part: Any) -> Any:
+    """Return numbers as float64; complex ones, as the root of a negative eigenvalue is, become NaN."""
+    numbers = np.asarray(part)
+    return np.where(numbers.imag == 0, numbers.real, np.nan).astype(np.float64)
 
 
 # -- filters -------------------------------------------------------------------------------------------------------
@@ -149,9 +157,11 @@ def _run_filter(make: _Filter, header: bytes) -> _Result:
         update(row[:3], row[3:6], row[6:], 1.0 / rate_hz)
         taken_s += time.perf_counter() - began
         if (index + 1) % stride == 0:
-            answer = np.atleast_1d(np.asarray(read(), dtype=np.float64))
-            if answer.shape not in ((1,), (4,)):
-                raise TypeError(f"the answer has shape {answer.shape}, not () of a heading or (4,) of a quaternion")
+            result = read()
+            answer = np.atleast_1d(np.asarray(result, dtype=np.float64))
+            if result is None or answer.shape not in ((1,), (4,)):
+                shape = None if result is None else answer.shape
+                raise TypeError(f"the answer has shape {shape}, not () of a heading or (4,) of a quaternion")
             answers[index // stride, : len(answer)] = answer
     return 0, 1e6 * taken_s / count, answers
 
@@ -185,9 +195,10 @@ def _python_filter(file: Path, name: str) -> _Filter:
     kind = getattr(_module(file), name)
 
     def make(rate_hz: float) -> tuple[Callable[..., Any], Callable[[], Any]]:
-        """Return methods of a new object: `update`, and `quaternion` or `heading`."""
+        """Return methods of a new object: `update` with float64 arrays, and `quaternion` or `heading`."""
         new = kind(rate_hz)
-        return new.update, getattr(new, "quaternion", None) or new.heading
+        read = getattr(new, "quaternion", None) or new.heading
+        return lambda *values: new.update(*(vector.astype(np.float64) for vector in values[:3]), values[3]), read
 
     return make
 

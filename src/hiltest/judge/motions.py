@@ -18,11 +18,16 @@ _REST_S, _HOLD_S, _TURN_DPS = 6.0, 2.0, 90.0
 _ACCELEROMETER_NOISE_G = 0.002
 
 
-def simulated_motion() -> MotionRecording:
+def simulated_motion(number: int = 1) -> MotionRecording:
     """Return a motion through the poses of the default rig, with its field, noise and gyroscope bias.
 
     The body rests at the first pose, turns to each pose at 90 deg/s about one axis, and is held there for 2 s. Sensors
     are calibrated; only the gyroscope has a bias, which is to be taken from the rest.
+
+    Parameters
+    ----------
+    number
+        Seed of the noise.
     """
     poses, rig = default_poses(), default_rig()
     assert rig.world is not None
@@ -52,14 +57,14 @@ def simulated_motion() -> MotionRecording:
     gyroscope = (
         rates
         + np.radians(rig.world.gyroscope_bias_dps)
-        + density * math.sqrt(_RATE_HZ / 2.0) * draw_noise(1, "motion gyroscope", count)
+        + density * math.sqrt(_RATE_HZ / 2.0) * draw_noise(number, "motion gyroscope", count)
     )
     return MotionRecording(
-        SIMULATED,
+        SIMULATED if number == 1 else f"{SIMULATED}/{number}",
         _RATE_HZ,
         gyroscope,
-        -STANDARD_GRAVITY_M_S2 * (gravity + _ACCELEROMETER_NOISE_G * draw_noise(1, "motion accelerometer", count)),
-        field + rig.sensors.magnetometer_noise_ut * draw_noise(1, "motion magnetometer", count),
+        -STANDARD_GRAVITY_M_S2 * (gravity + _ACCELEROMETER_NOISE_G * draw_noise(number, "motion accelerometer", count)),
+        field + rig.sensors.magnetometer_noise_ut * draw_noise(number, "motion magnetometer", count),
         truth.as_quat(),
         moves,
     )
