@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.calibration.conditioning import LARGEST_CONDITION
+from hiltest.calibration.conditioning import LARGEST_CONDITION, WELL_CONDITIONED
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.robust import MANY_LEFT_OUT
 from hiltest.calibration.shapes import Shape
@@ -40,6 +40,10 @@ class FitFigures:
     radius_ut: float | None = None
     """None if the unit of the points is not known."""
     direction_error_deg: float | None = None
+    residual_of_spread: float | None = None
+    """Residual relative to the spread of the raw norms; None if iron is certain."""
+    halves_difference: float | None = None
+    """Angle between the calibrations of two halves, in predicted ones; None if a half determines none."""
     change_percent: float | None = None
     """Step of the hard iron within the points, relative to the radius; None without one."""
     shape: Shape | None = None
@@ -84,8 +88,6 @@ class Bound:
         return not (value >= self.limit if self.below else value <= self.limit)
 
 
-#: Condition up to which an ellipsoid is determined in all directions.
-WELL_CONDITIONED = 60.0
 #: Boards and cases stretch the field by tenths. A factor of two means that this is not a sensor in the earth's field,
 #: unless the points show the whole ellipsoid: then the part is unusual, not the fit.
 LARGEST_AXIS_RATIO = 2.0
@@ -180,13 +182,31 @@ BOUNDS = (
         Acceptance.REFUSED,
         "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray",
     ),
-    # The packaged rig's heading without any calibration is off by up to 10 deg.
+    # A field that varies and a sensor without iron have about 1, the iron of a board less, unless it is as small as the
+    # noise.
+    Bound(
+        "residual_of_spread",
+        "",
+        0.5,
+        Acceptance.REFUSED,
+        "the calibration hardly makes the norms more equal: no iron to correct, or a field that varies; turn the "
+        "sensor in one place",
+    ),
+    # A calibration is made for headings within 2 deg, and boards without any err by 5 to 10.
     Bound(
         "direction_error_deg",
         "deg",
-        10.0,
+        5.0,
         Acceptance.REFUSED,
-        "the points determine directions no better than without calibration; take more points, in all directions",
+        "the points determine directions hardly better than without calibration; take more points, in all directions",
+    ),
+    Bound(
+        "halves_difference",
+        "times the predicted one",
+        3.0,
+        Acceptance.REFUSED,
+        "the calibrations of the log's halves contradict each other: the field, the iron or the sensor changed; fit a "
+        "part of the log",
     ),
     Bound(
         "direction_error_deg",

@@ -176,7 +176,7 @@ class SampleFit:
     calibrators: tuple[CalibratorFit, ...]
     notes: tuple[str, ...]
     """Notes, one sentence each."""
-    as_read: CalibratorFit | None = None
+    as_read: CalibratorFit
     """Readings without calibration. Their direction error is the rms angle to those of the best calibration by norms
     alone; None if that is refused, or fits a turn."""
     gravity: AgainstGravity | None = None
@@ -190,7 +190,9 @@ class SampleFit:
     @property
     def worse_than_none(self) -> list[str]:
         """Calibrators with a larger direction error than that of the readings without calibration."""
-        as_read_deg = math.inf if self.as_read is None else self.as_read.direction_error_deg or 0.0
+        as_read_deg = self.as_read.direction_error_deg
+        if as_read_deg is None:
+            return []
         return [fit.name for fit in self.calibrators if (fit.direction_error_deg or 0.0) > as_read_deg]
 
     @property

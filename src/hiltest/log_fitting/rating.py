@@ -21,6 +21,9 @@ from hiltest.log_fitting.span import FieldChange
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Multiple of the predicted error above which a correction is no accident, as for the halves.
+_CLEARLY = 3.0
+
 
 class Rating:
     """Rater of calibrations of the same samples.
@@ -42,12 +45,15 @@ class Rating:
         self._samples, self._change = samples, change
         self._predicted = samples.points, ErrorPrediction(samples.points)
         self.condition = self._predicted[1].condition
+        self._halves_difference = self._predicted[1].halves_difference
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
         """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples."""
         predicted = self._predictions(used).predict(fit, unbiased=is_unbiased(name, fit.iterations))
-        figures = FitFigures(fit.status, condition=self.condition, n=len(used))
-        return self._rate_fit(name, fit, figures, predicted)
+        figures = FitFigures(
+            fit.status, condition=self.condition, n=len(used), halves_difference=self._halves_difference
+        )
+        return self._rate_fit(name, fit, figures, predicted, self._samples.points)
 
     def _predictions(self, used: Array) -> ErrorPrediction:
         """Return the prediction for the calibrators' points, which are the same for one board or for the host."""
@@ -55,18 +61,17 @@ class Rating:
             self._predicted = used, ErrorPrediction(used)
         return self._predicted[1]
 
-    def as_read(self, best: CalibratorFit) -> CalibratorFit | None:
+    def as_read(self, best: CalibratorFit) -> CalibratorFit:
         """Rate the readings without calibration, their error being the rms angle to the best calibration's directions.
 
-        The result is None if that calibration is refused, or does not apply to all directions.
+        The error is None if that calibration is refused, or does not apply to all directions.
         """
-        if best.hard_iron is None or best.radius is None or best.verdict is Acceptance.REFUSED or best.turn is not None:
-            return None
-        length = float(np.linalg.norm(self._samples.points, axis=1).mean())
-        raw = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, np.eye(3) / length, np.zeros(3))
-        soft_iron, hard_iron = np.array(best.soft_iron) / best.radius, np.array(best.hard_iron)
-        calibrated = replace(raw, soft_iron=soft_iron, hard_iron=hard_iron)
-        error = DirectionError(spread_deg=0.0, bias_deg=direction_difference_rms_deg(raw, calibrated))
+        length = float(np.linalg.norm(self._samples.points, axis=1).mean()) or 1.0
+        raw, error = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, np.eye(3) / length, np.zeros(3)), None
+        if best.hard_iron and best.radius and best.verdict is not Acceptance.REFUSED and best.turn is None:
+            soft_iron, hard_iron = np.array(best.soft_iron) / best.radius, np.array(best.hard_iron)
+            calibrated = replace(raw, soft_iron=soft_iron, hard_iron=hard_iron)
+            error = DirectionError(spread_deg=0.0, bias_deg=direction_difference_rms_deg(raw, calibrated))
         figures = FitFigures(FitStatus.ELLIPSOID)
         return replace(self._rate_fit("as read", raw, figures, error), status="none", n_used=len(self._samples.points))
 
@@ -81,7 +86,9 @@ class Rating:
             left_out_percent=left_out_percent,
             strong_iron_deg=None if strong is None else strong.rms_deg,
         )
-        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error)
+        points, plane = self._samples.points, shape_fit.plane
+        in_plane = points if plane is None else points @ plane.axes[:2].T
+        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error, in_plane)
         if shape_fit.plane is None or shape_fit.arc_deg is None:
             return replace(rated, shape=shape)
         # A turn does not cover an area of the sphere.
@@ -89,9 +96,17 @@ class Rating:
         return replace(rated, shape=shape, coverage=None, turn=turn)
 
     def _rate_fit(
-        self, name: str, fit: MagnetometerFit, figures: FitFigures, predicted: DirectionError | None
+        self,
+        name: str,
+        fit: MagnetometerFit,
+        figures: FitFigures,
+        predicted: DirectionError | None,
+        raw: Array | None = None,
     ) -> CalibratorFit:
-        """Return a rated calibration, with further figures besides `figures`."""
+        """Return a rated calibration, with further figures besides `figures`.
+
+        Its residual is compared with the spread of the norms of `raw`, if readings are given, in space or in a plane.
+        """
         n_used = figures.n or 0
         if not fit.has_fit:
             verdict, reasons = rate(figures)
@@ -109,6 +124,11 @@ class Rating:
             change_percent=None if self._change is None else self._change.percent,
         )
         verdict, reasons = rate(figures)
+        if raw is not None and (figures.shape is not None or not self._is_clear(fit, verdict, predicted)):
+            spread = float(np.linalg.norm(raw, axis=1).std())
+            residual = fit.radius * residual_of_corrected_percent(corrected) / 100.0
+            figures = replace(figures, residual_of_spread=residual / spread if spread > 0.0 else None)
+            verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * fit.radius
         return CalibratorFit(
             name,
@@ -127,6 +147,14 @@ class Rating:
             direction_bias_deg=None if predicted is None else predicted.bias_deg,
             iterations=fit.iterations,
         )
+
+    @staticmethod
+    def _is_clear(fit: MagnetometerFit, verdict: Acceptance, predicted: DirectionError | None) -> bool:
+        """Return whether a calibration is otherwise good or fair, and corrects clearly more than its stated error."""
+        if verdict not in (Acceptance.GOOD, Acceptance.FAIR) or predicted is None:
+            return False
+        raw = replace(fit, soft_iron=np.eye(3) / fit.radius, hard_iron=np.zeros(3))
+        return direction_difference_rms_deg(raw, fit) > _CLEARLY * predicted.rms_deg
 
 
 def triple(values: Array) -> Triple:

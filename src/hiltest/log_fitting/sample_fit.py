@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 #: Selections instead of one calibrator's name: those of the board, and also all with a reference.
 BOARD, ALL = "board", "all"
+# Refusals that apply to any shape.
+_OF_ANY_SHAPE = {"residual_of_spread", "halves_difference"}
 
 
 def fit_on_host(
@@ -183,8 +185,10 @@ class _Log:
         return self.rating.shape(shape, field, self._gone.dropped_percent)
 
     def add_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
-        """Add the fit of the allowed shape if all fits are refused and it is not."""
-        if best_of(fits).verdict is not Acceptance.REFUSED:
+        """Add the fit of the allowed shape if all fits are refused for reasons that a shape avoids, and it is not."""
+        best = best_of(fits)
+        refusals = {reason.figure for reason in best.reasons if reason.verdict is Acceptance.REFUSED}
+        if not refusals or refusals & _OF_ANY_SHAPE:
             return fits
         shape = allowed_shape(self.kept.points)
         # The field's component in the plane of a turn is unknown.

@@ -26,6 +26,8 @@ _NAMES = {
     "radius_ut": "radius",
     "direction_error_deg": "predicted direction error",
     "change_percent": "change of the field",
+    "residual_of_spread": "residual over the spread of the raw norms",
+    "halves_difference": "difference of the halves",
     "strong_iron_deg": "direction error under strong iron",
     "rests": "number of rests",
     "turns": "number of turns",
@@ -70,17 +72,13 @@ def _select_shown(fit: SampleFit) -> SampleFit:
     The latter are all refused for one reason.
     """
     if fit.best.shape:
-        return replace(fit, calibrators=(fit.best, *_as_read(fit)), firmware=None)
+        return replace(fit, calibrators=(fit.best, fit.as_read), firmware=None)
     return replace(fit, calibrators=_fits_of_norms(fit))
 
 
 def _fits_of_norms(fit: SampleFit) -> tuple[CalibratorFit, ...]:
     """Return the calibrators of norms alone, then the readings without calibration."""
-    return (*(calibrator for calibrator in fit.calibrators if calibrator.gravity is None), *_as_read(fit))
-
-
-def _as_read(fit: SampleFit) -> tuple[CalibratorFit, ...]:
-    return () if fit.as_read is None else (fit.as_read,)
+    return (*(calibrator for calibrator in fit.calibrators if calibrator.gravity is None), fit.as_read)
 
 
 def _grid(fit: SampleFit) -> Table:
