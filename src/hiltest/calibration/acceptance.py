@@ -41,11 +41,13 @@ class FitFigures:
     """None if the unit of the points is not known."""
     direction_error_deg: float | None = None
     residual_of_spread: float | None = None
-    """Residual relative to the spread of the raw norms; None if iron is certain."""
+    """Residual relative to the spread of the raw norms, both in parts of the length; None if iron is certain."""
     halves_difference: float | None = None
     """Angle between the calibrations of two halves, in predicted ones; None if a half determines none."""
     change_percent: float | None = None
     """Step of the hard iron within the points, relative to the radius; None without one."""
+    growth_percent: float | None = None
+    """Size of the growth of the field's strength over the points; None without one."""
     shape: Shape | None = None
     """None for an ellipsoid."""
     strong_iron_deg: float | None = None
@@ -247,6 +249,14 @@ BOUNDS = (
         0.0,
         Acceptance.POOR,
         "the hard iron differs before and after; fit one part, or move the sensor away from moving iron",
+    ),
+    # Any detectable growth: its middle is fitted, and 3 % of the strength are 0.9 % of residual.
+    Bound(
+        "growth_percent",
+        "%",
+        0.0,
+        Acceptance.FAIR,
+        "the field's strength or the sensor's scale changes over the log; let the sensor warm up and stay in one place",
     ),
 )
 

@@ -1,7 +1,8 @@
-"""Detection of a step of the hard iron in a log, with its place and size."""
+"""Detection of a step of the hard iron in a log, with its place and size, and of a growth of the field."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,6 +20,8 @@ _LEAST_EXPLAINED = 0.2
 # Largest deviation of a step relative to the radius, so that a log with few data on one side of an instant raises no
 # alarm.
 _LARGEST_DEVIATION = 0.03
+# Deviations of a growth above which it is no accident.
+_CLEARLY = 4.0
 # Blocks of a log in time: a step is located to 1.25 % of it, and each part has at least 15 %. Two neighbours together
 # are a block of the sandwich.
 _BLOCKS, _LEAST_BLOCKS = 80, 12
@@ -69,8 +72,7 @@ def find_change(points: ArrayLike) -> Change | None:
     radius = float(np.sqrt(max(0.0, centre @ shape @ centre - parameters[8])))
     slopes = 2.0 * (centred.points - centre) @ shape
     edges = np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS
-    every = np.column_stack([rows, -slopes, target])
-    sums = np.array([part.T @ part for part in np.split(every, edges[1:-1])])
+    sums = _block_sums(np.column_stack([rows, -slopes, target]), edges)
     steps = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
     valid = [step for step in steps if step is not None and step.deviation <= _LARGEST_DEVIATION * radius]
     if not valid:
@@ -80,6 +82,47 @@ def find_change(points: ArrayLike) -> Change | None:
     if percent < LEAST_STEP_PERCENT or best.explained < _LEAST_EXPLAINED:
         return None
     return Change(int(used[edges[best.place]]), centred.scale * best.step, percent)
+
+
+def find_growth(points: ArrayLike) -> float | None:
+    """Return the growth of the field's strength over a log, relative to its middle [%]; None if there is none.
+
+    Parameters
+    ----------
+    points : shape (n, 3)
+        Readings in the order of time; fewer than 160 cannot show a growth.
+
+    Notes
+    -----
+    A strength that grows by g from the first to the last reading leaves ``|p|^2 + d . t - 2 g R^2 s``, with s from -1/2
+    to 1/2, linear in t and g. It counts from 3 % on, and from four of its deviations, of a sandwich over the blocks.
+    """
+    trimmed = _trim(points_array(points))
+    if trimmed is None:
+        return None
+    used, (_, rows, target, parameters) = trimmed
+    shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
+    if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
+        return None
+    centre = np.linalg.solve(shape, -0.5 * parameters[5:8])
+    square = float(centre @ shape @ centre - parameters[8])
+    in_time = used / max(1, len(points_array(points)) - 1) - 0.5
+    every = np.column_stack([rows, in_time, target])
+    blocks = _block_sums(every, np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS)
+    blocks = blocks[::2] + blocks[1::2]
+    whole = blocks.sum(axis=0)
+    try:
+        inverse = np.linalg.inv(whole[:-1, :-1])
+    except np.linalg.LinAlgError:
+        return None
+    solved = inverse @ whole[:-1, -1]
+    scores = (blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ solved) @ inverse[-1]
+    growth, deviation = -float(solved[-1]) / (2.0 * square), math.sqrt(float(scores @ scores)) / (2.0 * square)
+    return 100.0 * growth if abs(growth) >= max(0.01 * LEAST_STEP_PERCENT, _CLEARLY * deviation) else None
+
+
+def _block_sums(every: Array, edges: NDArray[np.int64]) -> Array:
+    return np.array([part.T @ part for part in np.split(every, edges[1:-1])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

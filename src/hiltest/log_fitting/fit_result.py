@@ -17,6 +17,8 @@ Triple: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[Triple, Triple, Triple]
 
 _ORDER = list(Acceptance)
+#: Status of the readings without calibration.
+AS_READ = "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +121,11 @@ class CalibratorFit:
     gravity: GravityFigures | None = None
     """Figures of a calibration against gravity, on the host."""
 
+    @property
+    def verdict_text(self) -> str:
+        """Verdict, or a dash for readings as read that no calibration shows the error of."""
+        return "-" if self.status == AS_READ and self.direction_error_deg is None else self.verdict
+
 
 @dataclass(frozen=True, slots=True)
 class FirmwareUsed:
@@ -161,8 +168,12 @@ class SampleFit:
     """First and last line of each run of them; without a file, numbers of readings from 1."""
     in_order: bool
     """True if the rows are in the order of time: false if a reading is as far from the next one as from any other."""
+    at_rest: bool
+    """True if the readings are a small ball of noise."""
     change: FieldChange | None
     """Step of the hard iron."""
+    growth_percent: float | None
+    """Growth of the field's strength from the first to the last reading; None if it is not significant."""
     condition: float
     """Condition of the samples, for any calibrator."""
     hole: Hole | None

@@ -15,12 +15,14 @@ from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg, residual_of_corrected_percent
 from hiltest.calibration.shapes import Shape, fit_shape
 from hiltest.calibration.solid_angle import solid_angle_covered
-from hiltest.log_fitting.fit_result import CalibratorFit, Triple, Turn
+from hiltest.log_fitting.fit_result import AS_READ, CalibratorFit, Triple, Turn
 from hiltest.log_fitting.samples import Samples
 from hiltest.log_fitting.span import FieldChange
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Largest mean of raw norms to which their spread is relative, in radii: raw counts may be about any number.
+_FARTHEST_ZERO = 3.0
 # Multiple of the predicted error above which a correction is no accident, as for the halves.
 _CLEARLY = 3.0
 
@@ -34,6 +36,8 @@ class Rating:
         Samples without omitted ones.
     change
         Step of the hard iron in the complete log.
+    growth_percent
+        Growth of the field's strength over the complete log.
 
     Attributes
     ----------
@@ -41,8 +45,8 @@ class Rating:
         Condition of the samples, for any calibrator.
     """
 
-    def __init__(self, samples: Samples, change: FieldChange | None) -> None:
-        self._samples, self._change = samples, change
+    def __init__(self, samples: Samples, change: FieldChange | None, growth_percent: float | None = None) -> None:
+        self._samples, self._change, self._growth_percent = samples, change, growth_percent
         self._predicted = samples.points, ErrorPrediction(samples.points)
         self.condition = self._predicted[1].condition
         self._halves_difference = self._predicted[1].halves_difference
@@ -73,7 +77,7 @@ class Rating:
             calibrated = replace(raw, soft_iron=soft_iron, hard_iron=hard_iron)
             error = DirectionError(spread_deg=0.0, bias_deg=direction_difference_rms_deg(raw, calibrated))
         figures = FitFigures(FitStatus.ELLIPSOID)
-        return replace(self._rate_fit("as read", raw, figures, error), status="none", n_used=len(self._samples.points))
+        return replace(self._rate_fit("as read", raw, figures, error), status=AS_READ, n_used=len(self._samples.points))
 
     def shape(self, shape: Shape, field: float | None, left_out_percent: float) -> CalibratorFit:
         """Fit and rate a shape, with the field's strength in the samples' unit if it is known."""
@@ -122,12 +126,14 @@ class Rating:
             radius_ut=microtesla * fit.radius if whole and microtesla is not None else None,
             direction_error_deg=None if predicted is None else predicted.rms_deg,
             change_percent=None if self._change is None else self._change.percent,
+            growth_percent=None if self._growth_percent is None else abs(self._growth_percent),
         )
         verdict, reasons = rate(figures)
         if raw is not None and (figures.shape is not None or not self._is_clear(fit, verdict, predicted)):
-            spread = float(np.linalg.norm(raw, axis=1).std())
-            residual = fit.radius * residual_of_corrected_percent(corrected) / 100.0
-            figures = replace(figures, residual_of_spread=residual / spread if spread > 0.0 else None)
+            norms = np.linalg.norm(raw, axis=1)
+            spread_percent = 100.0 * float(norms.std()) / min(float(norms.mean()), _FARTHEST_ZERO * fit.radius)
+            residual_percent = residual_of_corrected_percent(corrected)
+            figures = replace(figures, residual_of_spread=residual_percent / spread_percent if spread_percent else None)
             verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * fit.radius
         return CalibratorFit(

@@ -23,7 +23,7 @@ from hiltest.log_fitting.gravity_fit import against_gravity
 from hiltest.log_fitting.left_out import left_out
 from hiltest.log_fitting.rating import Rating, triple
 from hiltest.log_fitting.samples import Samples
-from hiltest.log_fitting.span import field_change, is_in_order_of_time
+from hiltest.log_fitting.span import field_change, field_growth, is_at_rest, is_in_order_of_time
 
 if TYPE_CHECKING:
     from hiltest.boards.board import Board
@@ -166,9 +166,11 @@ class _Log:
             raise ConfigError(f"{samples.path}: a field in uT cannot be compared with counts; set their unit (--unit)")
         self._samples, self._field_ut = samples, field_ut
         self._gone = left_out(samples, robust=robust)
-        self._change = field_change(samples)
         self._robust, self.kept = robust, self._gone.rest
-        self.rating = Rating(self.kept, self._change)
+        self._growth = field_growth(samples)
+        # A growth looks like a step of some hard iron as well.
+        self._change = field_change(samples) if self._growth is None else None
+        self.rating = Rating(self.kept, self._change, self._growth)
 
     @property
     def field(self) -> float | None:
@@ -219,7 +221,9 @@ class _Log:
             n_dropped=int(gone.dropped.sum()),
             dropped=gone.dropped_lines,
             in_order=is_in_order_of_time(self.kept),
+            at_rest=is_at_rest(self.kept),
             change=self._change,
+            growth_percent=self._growth,
             condition=self.rating.condition,
             hole=hole,
             field_ut=self._field_ut,

@@ -26,6 +26,7 @@ _NAMES = {
     "radius_ut": "radius",
     "direction_error_deg": "predicted direction error",
     "change_percent": "change of the field",
+    "growth_percent": "growth of the field",
     "residual_of_spread": "residual over the spread of the raw norms",
     "halves_difference": "difference of the halves",
     "strong_iron_deg": "direction error under strong iron",
@@ -86,7 +87,7 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_column("")
     for calibrator in fit.calibrators:
         grid.add_column(escape(calibrator.name), justify="right")
-    grid.add_row("verdict", *(Text(result.verdict, style=STYLES[result.verdict]) for result in fit.calibrators))
+    grid.add_row("verdict", *(Text(result.verdict_text, style=STYLES[result.verdict]) for result in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
@@ -104,7 +105,7 @@ def _grid_of_rows(fit: SampleFit) -> Table:
         grid.add_column(escape(label.removeprefix("direction ").replace(" ", "\n")), justify="right", no_wrap=True)
     for index, result in enumerate(fit.calibrators):
         cells = (kinds[index], *(cells[index] for _, cells in (*figures, *cycles)))
-        grid.add_row(escape(result.name), Text(result.verdict, style=STYLES[result.verdict]), *map(escape, cells))
+        grid.add_row(escape(result.name), Text(result.verdict_text, style=STYLES[result.verdict]), *map(escape, cells))
     return grid
 
 
@@ -117,7 +118,7 @@ def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
     grid.add_column(f"against gravity, {log.n_pairs} pairs")
     for name in ("norms alone", *(result.name for result in fits)):
         grid.add_column(escape(name), justify="right")
-    grid.add_row("verdict", "", *(Text(result.verdict, style=STYLES[result.verdict]) for result in fits))
+    grid.add_row("verdict", "", *(Text(result.verdict_text, style=STYLES[result.verdict]) for result in fits))
     (label, spreads), *others = _gravity_rows(fits)
     grid.add_row(escape(label), _number(log.norms_held_out_dip_deg, ".2f"), *spreads)
     for label, cells in (*others, ("residual [%]", [_number(result.residual_percent, ".2f") for result in fits])):
