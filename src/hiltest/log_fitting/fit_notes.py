@@ -33,8 +33,8 @@ def notes(fit: SampleFit) -> Iterator[str]:
         )
     if fit.growth_percent is not None:
         yield (
-            f"The field's strength changed by {fit.growth_percent:+.1f} % from the first to the last reading: the sensor "
-            "warmed up, or moved to another place."
+            f"The field's strength changed by {fit.growth_percent:+.1f} % over the log: the sensor warmed "
+            "up, or moved to another place."
         )
     if fit.at_rest:
         yield "The sensor was at rest: the readings are a small ball of noise. Turn it in all directions while you log."
