@@ -204,7 +204,7 @@ BOUNDS = (
     ),
     Bound(
         "halves_difference",
-        "times the predicted one",
+        "",
         3.0,
         Acceptance.REFUSED,
         "the calibrations of the log's halves contradict each other: the field, the iron or the sensor changed; fit a "

@@ -77,6 +77,33 @@ class AgainstGravity:
 
 
 @dataclass(frozen=True, slots=True)
+class FollowedColumn:
+    """A column of the log that the hard iron follows."""
+
+    name: str
+    unit: str
+    """Its header, and its unit; empty if unknown."""
+    vector: Triple
+    """Hard iron per unit of the column, in the unit of the samples."""
+    error: float
+    """Standard deviation of the vector: the root of the sum over its components."""
+    reference: float
+    """Value at which `CalibratorFit.hard_iron` is stated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """Iron that follows columns of the log; the calibrators get readings without it."""
+
+    columns: tuple[FollowedColumn, ...]
+    before_percent: float
+    after_percent: float
+    """Residual without and with it."""
+    explained_percent: float
+    """Part of the squared residual that it explains."""
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorFit:
     """Result of one calibrator, or shape; lengths are in the unit of the samples."""
 
@@ -192,6 +219,8 @@ class SampleFit:
     alone; None if that is refused, or fits a turn."""
     gravity: AgainstGravity | None = None
     """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
+    following: Following | None = None
+    """Iron that follows columns; None if no column was named."""
 
     @property
     def n_left(self) -> int:

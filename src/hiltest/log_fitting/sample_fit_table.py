@@ -28,7 +28,7 @@ _NAMES = {
     "change_percent": "change of the field",
     "growth_percent": "growth of the field",
     "residual_of_spread": "residual over the spread of the raw norms",
-    "halves_difference": "difference of the halves",
+    "halves_difference": "difference of the halves over the predicted one",
     "strong_iron_deg": "direction error under strong iron",
     "rests": "number of rests",
     "turns": "number of turns",
