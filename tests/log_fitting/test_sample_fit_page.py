@@ -14,7 +14,9 @@ from hiltest.log_fitting.sample_fit_page import fit_page
 from hiltest.log_fitting.sample_fit_table import figure_tables
 from hiltest.procedures.golden_points import golden_points
 
+from ..calibration.hand_turned import TRUTH, hand_turned
 from ..instances import instance
+from .indoor_walk import indoor_walk
 
 
 def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
@@ -30,11 +32,12 @@ def _titles(page: str) -> list[str]:
 def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
     page = _page(golden_points(300) / 10.0)
     assert "<strong>good</strong></h1>" in page
-    assert _titles(page)[0] == "before"
-    assert re.fullmatch("after (corrected|direct|iterative)", _titles(page)[1])
-    assert _titles(page)[4:] == ["length of the corrected readings", "coverage: 100 % of the sphere"]
-    # The cloud in four drawings, in time and on the map, a dot a point.
-    assert page.count("h0") == 6 * 300
+    assert re.fullmatch("as read, with (corrected|direct|iterative)", ", ".join(_titles(page)[:2]))
+    assert _titles(page)[2:4] == ["heading error, level, at a dip of 60°", "before"]
+    assert re.fullmatch("after (corrected|direct|iterative)", _titles(page)[4])
+    assert _titles(page)[7:] == ["length of the corrected readings", "coverage: 100 % of the sphere"]
+    # The cloud in two and in four drawings, in time and on the map, a dot a point.
+    assert page.count("h0") == 8 * 300
 
 
 def test_half_a_cloud_shows_its_hole() -> None:
@@ -57,7 +60,7 @@ def test_left_out_readings_are_marked_and_stretch_no_drawing() -> None:
     assert "left out" not in clean
     # The near one beside the samples, both over the order of the file; and once in each drawing's key.
     assert page.count('class="mark series-3 hollow"') == 3 + 2
-    assert page.count("h0") == 6 * 298
+    assert page.count("h0") == 8 * 298
 
 
 def test_a_cloud_without_a_calibration_is_still_drawn() -> None:
@@ -100,6 +103,26 @@ def test_each_block_of_the_log_has_its_mean_over_time() -> None:
 def test_each_reason_is_told_once() -> None:
     page = _page(instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
     assert page.count("a single reading") == 1
+
+
+def test_the_picture_shows_the_hole_and_the_readings_after_a_change() -> None:
+    points = hand_turned(3, 1200)
+    points[840:] += (0.0, 0.0, 2.0)
+    rows = np.flatnonzero((points - TRUTH.hard_iron)[:, 0] < 25.0)
+    page = _page(points[rows])
+    assert re.search(r"largest hole, \d\d° about \+x", page)
+    later = sum(path.count("h0") for path in re.findall(r'class="samples[ far]* later" d="([^"]*)"', page))
+    # Each is drawn twice; the step is located to two blocks of 80.
+    assert later / 2 == pytest.approx((rows >= 840).sum(), abs=2 * len(rows) / 80)
+
+
+def test_a_refused_calibration_has_no_heading_error_and_a_sensor_at_rest_no_picture() -> None:
+    refused = _page(indoor_walk(1))
+    assert not any("heading error" in title for title in _titles(refused))
+    ball = np.random.default_rng(1).normal((20.0, 3.0, -40.0), 0.3, (300, 3))
+    page = _page(ball)
+    assert _titles(page)[0] == "before"
+    assert "cloud.csv: refused, use no calibration from this log: the sensor was at rest." in page
 
 
 def test_many_calibrators_stand_in_tables_that_fit_a_page() -> None:

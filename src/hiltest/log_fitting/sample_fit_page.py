@@ -13,6 +13,8 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direction_error import BLOCKS
 from hiltest.calibration.robust import Mask
 from hiltest.log_fitting.fit_result import CalibratorFit, SampleFit
+from hiltest.log_fitting.fit_sentence import headline
+from hiltest.log_fitting.sample_fit_picture import picture
 from hiltest.log_fitting.sample_fit_table import figure_tables, told_reasons
 from hiltest.log_fitting.samples import Samples
 from hiltest.log_fitting.span import FieldChange, instants
@@ -26,7 +28,7 @@ Array = NDArray[np.float64]
 
 _TONES = {Acceptance.GOOD: "good", Acceptance.FAIR: "warn", Acceptance.POOR: "warn", Acceptance.REFUSED: "bad"}
 # Maximum number of dots: more would overlap, and make the file large.
-_DRAWN = 2000
+_DRAWN, _FIRST_DRAWN = 2000, 1000
 _SIZE, _WIDE = 300.0, 920.0
 _LEFT_OUT = "series-3 hollow"
 # Distance in half ranges beyond which readings are drawn about their own middle.
@@ -41,6 +43,8 @@ def fit_page(fit: SampleFit, samples: Samples) -> str:
         told=[*told_reasons(fit), *fit.notes],
         fit=fit,
         tone=_TONES[fit.best.verdict],
+        headline=headline(fit),
+        first=_draw_first(fit, samples),
         tables=figure_tables(fit),
         pictures=_draw_rows(fit, samples),
         version=__version__,
@@ -50,6 +54,13 @@ def fit_page(fit: SampleFit, samples: Samples) -> str:
 def write_page(fit: SampleFit, samples: Samples, path: Path) -> None:
     """Write the page so that a reader sees the whole file or none."""
     write_asked_for(path, fit_page(fit, samples))
+
+
+def _draw_first(fit: SampleFit, samples: Samples) -> list[Figure]:
+    kept = np.flatnonzero(~_dropped_mask(fit, samples))
+    drawn = kept[:: max(1, -(-len(kept) // _FIRST_DRAWN))]
+    later = np.zeros(len(samples.points), dtype=bool) if fit.change is None else instants(samples)[0] >= fit.change.at
+    return picture(fit, samples.points[drawn], later[drawn])
 
 
 def _draw_rows(fit: SampleFit, samples: Samples) -> list[list[Figure]]:

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
 from hiltest.log_fitting.fit_result import AgainstGravity, CalibratorFit, GravityFigures, SampleFit
+from hiltest.log_fitting.fit_sentence import headline
 from hiltest.text import format_number
 
 STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
@@ -60,7 +61,7 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
-    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes))):
+    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes)), ("bold", iter([headline(fit)]))):
         for sentence in sentences:
             text = Text(sentence, style=style)
             folded = text.wrap(console, int(columns)) if columns.isdecimal() else [text]
