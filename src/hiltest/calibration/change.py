@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.calibration.conditioning import TRACELESS, CentredPoints
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array, squared_lengths
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+from hiltest.calibration.plain_quadric import PlainQuadric
 from hiltest.calibration.robust import SIGMA
 
 #: Smallest step relative to the radius: 1.7 degrees across.
@@ -64,15 +63,12 @@ def find_change(points: ArrayLike) -> Change | None:
     trimmed = _trim(readings)
     if trimmed is None:
         return None
-    used, (centred, rows, target, parameters) = trimmed
-    shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
-    if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
+    used, quadric = trimmed
+    ellipsoid = quadric.ellipsoid()
+    if ellipsoid is None:
         return None
-    centre = np.linalg.solve(shape, -0.5 * parameters[5:8])
-    radius = float(np.sqrt(max(0.0, centre @ shape @ centre - parameters[8])))
-    slopes = 2.0 * (centred.points - centre) @ shape
-    edges = np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS
-    sums = _block_sums(np.column_stack([rows, -slopes, target]), edges)
+    radius, slopes = math.sqrt(max(0.0, ellipsoid[0])), ellipsoid[1]
+    sums, edges = _block_sums(quadric, -slopes)
     steps = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
     valid = [step for step in steps if step is not None and step.deviation <= _LARGEST_DEVIATION * radius]
     if not valid:
@@ -81,7 +77,7 @@ def find_change(points: ArrayLike) -> Change | None:
     percent = 100.0 * float(np.linalg.norm(best.step)) / radius
     if percent < LEAST_STEP_PERCENT or best.explained < _LEAST_EXPLAINED:
         return None
-    return Change(int(used[edges[best.place]]), centred.scale * best.step, percent)
+    return Change(int(used[edges[best.place]]), quadric.centred.scale * best.step, percent)
 
 
 def find_growth(points: ArrayLike) -> float | None:
@@ -100,15 +96,12 @@ def find_growth(points: ArrayLike) -> float | None:
     trimmed = _trim(points_array(points))
     if trimmed is None:
         return None
-    used, (_, rows, target, parameters) = trimmed
-    shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
-    if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
+    used, quadric = trimmed
+    ellipsoid = quadric.ellipsoid()
+    if ellipsoid is None:
         return None
-    centre = np.linalg.solve(shape, -0.5 * parameters[5:8])
-    square = float(centre @ shape @ centre - parameters[8])
-    in_time = used / max(1, len(points_array(points)) - 1) - 0.5
-    every = np.column_stack([rows, in_time, target])
-    blocks = _block_sums(every, np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS)
+    square, _ = ellipsoid
+    blocks, _ = _block_sums(quadric, (used / max(1, len(points_array(points)) - 1) - 0.5)[:, None])
     blocks = blocks[::2] + blocks[1::2]
     whole = blocks.sum(axis=0)
     try:
@@ -121,8 +114,11 @@ def find_growth(points: ArrayLike) -> float | None:
     return 100.0 * growth if abs(growth) >= max(0.01 * LEAST_STEP_PERCENT, _CLEARLY * deviation) else None
 
 
-def _block_sums(every: Array, edges: NDArray[np.int64]) -> Array:
-    return np.array([part.T @ part for part in np.split(every, edges[1:-1])])
+def _block_sums(quadric: PlainQuadric, further: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the sums of products of the rows, further columns and the target in each block, and the blocks' edges."""
+    edges = np.arange(_BLOCKS + 1) * len(quadric.rows) // _BLOCKS
+    every = np.column_stack([quadric.rows, further, quadric.target])
+    return np.array([part.T @ part for part in np.split(every, edges[1:-1])]), edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,41 +129,23 @@ class _Step:
     explained: float
 
 
-class _PlainFit(NamedTuple):
-    """Points, rows and target of the quadric through them, and its nine parameters by least squares."""
-
-    centred: CentredPoints
-    rows: Array
-    target: Array
-    parameters: Array
-
-
-def _trim(points: Array) -> tuple[NDArray[np.intp], _PlainFit] | None:
+def _trim(points: Array) -> tuple[NDArray[np.intp], PlainQuadric] | None:
     """Return the readings without outliers and their fit; None if there are too few."""
     if len(points) < _FEWEST:
         return None
     off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     used = np.flatnonzero(off <= _GATE * float(np.median(off)))
-    fit = _plain_fit(points[used])
+    fit = PlainQuadric.fit(points[used])
     for _ in range(_PASSES):
         if fit is None:
             return None
-        residuals = np.abs(fit.target - fit.rows @ fit.parameters)
+        residuals = np.abs(fit.residuals)
         inside = residuals <= _TRIM * float(np.median(residuals))
         if inside.all():
             break
         used = used[inside]
-        fit = _plain_fit(points[used])
+        fit = PlainQuadric.fit(points[used])
     return None if fit is None or len(used) < _FEWEST else (used, fit)
-
-
-def _plain_fit(points: Array) -> _PlainFit | None:
-    centred = CentredPoints.centre(points)
-    if centred is None or len(points) <= ELLIPSOID_UNKNOWNS:
-        return None
-    rows, target = centred.rows(), -squared_lengths(centred.points)
-    parameters = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
-    return _PlainFit(centred, rows, target.astype(np.float64), parameters.astype(np.float64))
 
 
 def _step(sums: Array, place: int) -> _Step | None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.calibration.conditioning import TRACELESS, CentredPoints
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array, squared_lengths
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+from hiltest.calibration.plain_quadric import PlainQuadric
 from hiltest.errors import CalibrationError
 
 # The equations are linear except for the product of the vectors with the shape: each pass corrects that.
@@ -66,21 +66,15 @@ def fit_following(points: ArrayLike, values: ArrayLike) -> FollowingIron:
     scale = np.maximum(np.abs(quantities).max(axis=0), np.finfo(float).tiny)
     relative, vectors, before, size = quantities / scale, np.zeros((count, 3)), 0.0, 1.0
     for index in range(_PASSES + 1):
-        centred = CentredPoints.centre(readings - relative @ vectors)
-        if centred is None:
-            raise CalibrationError("all readings are equal")
-        size, rows, target = centred.scale, centred.rows(), -squared_lengths(centred.points)
-        parameters = np.linalg.lstsq(rows, target, rcond=1e-12)[0]
-        shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
-        if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
+        quadric = PlainQuadric.fit(readings - relative @ vectors)
+        ellipsoid = None if quadric is None else quadric.ellipsoid()
+        if quadric is None or ellipsoid is None:
             raise CalibrationError("the readings are on no ellipsoid, also with the column; turn in all directions")
-        centre = np.linalg.solve(shape, -0.5 * parameters[5:8])
-        level = float(centre @ shape @ centre - parameters[8])
-        residual_percent = 50.0 * float(np.sqrt(np.mean((rows @ parameters - target) ** 2))) / level
+        size, (square, slopes) = quadric.centred.scale, ellipsoid
+        residual_percent = 50.0 * float(np.sqrt(np.mean(quadric.residuals**2))) / square
         before = before if index else residual_percent
-        slopes = 2.0 * (centred.points - centre) @ shape
-        moved = (-relative[:, :, None] * slopes[:, None, :]).reshape(len(rows), -1)
-        every = np.column_stack([rows, moved, target])
+        moved = (-relative[:, :, None] * slopes[:, None, :]).reshape(len(readings), -1)
+        every = np.column_stack([quadric.rows, moved, quadric.target])
         sums = np.array([part.T @ part for part in np.array_split(every, _BLOCKS)])
         whole = sums.sum(axis=0)
         sizes = np.sqrt(np.maximum(np.diag(whole)[:-1], np.finfo(float).tiny))

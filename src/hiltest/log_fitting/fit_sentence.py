@@ -67,7 +67,7 @@ def headline(fit: SampleFit) -> str:
     iron = f"{float(np.linalg.norm(best.hard_iron)):.3g} {fit.unit} of hard iron"
     if before is None:
         return (
-            f"{name}: {best.verdict}, with {iron}; headings in the plane of the turn err by {after} with {best.name}."
+            f"{name}: {best.verdict}, for headings in the plane of the turn, which err by {after} rms with {best.name}."
         )
     stretch = f"soft iron that stretches by {100.0 * ((best.axis_ratio or 1.0) - 1.0):.0f} %"
     return (
