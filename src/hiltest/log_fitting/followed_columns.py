@@ -80,7 +80,8 @@ def following_sentences(following: Following, unit: str) -> list[str]:
         )
     sentences.append(
         f"That explains {following.explained_percent:.0f} % of the spread: the residual is "
-        f"{following.before_percent:.2f} % without and {following.after_percent:.2f} % with it."
+        f"{following.before_percent:.2f} % without and {following.after_percent:.2f} % with it. All figures, also as "
+        "read, are those of readings from which it is subtracted."
     )
     return sentences
 
