@@ -121,7 +121,7 @@ def _draw_lengths(corrected: Array, dropped: Mask, samples: Samples, change: Fie
             figure.line(
                 [(float(at[start]), float(used_lengths.mean())), (float(at[end]), float(used_lengths.mean()))], "end"
             )
-    figure.key.append(KeyEntry(f"mean of a {BLOCKS}th: the blocks of the direction error", "end"))
+    figure.key.append(KeyEntry(f"means of the {BLOCKS} blocks of the direction error", "end"))
     if dropped.any():
         # Clipped to the edge of the figure.
         out = np.clip(_thin_out(both[dropped]), (-np.inf, -reach), (np.inf, reach))
