@@ -62,7 +62,7 @@ def clouds(tmp_path: Path) -> Path:
         ("cap.csv", ["--shape", "sphere"], 1, "refused"),
         ("wild.csv", ["--at-least", "good"], 0, "good"),
         ("wild.csv", ["--robust", "none"], 1, "refused"),
-        ("step.csv", ["--at-least", "fair"], 1, "poor"),
+        ("step.csv", [], 1, "refused"),
         ("step.csv", ["--at-least", "good", "--steady"], 0, "good"),
         ("step.csv", ["--at-least", "good", "--to", "700"], 0, "good"),
         ("step.csv", ["--at-least", "good", "--from", "900"], 0, "good"),
@@ -139,6 +139,21 @@ def test_exports_are_written_for_what_is_not_refused(clouds: Path) -> None:
     assert "magnetometer_soft_iron[3][3]" in (clouds / "c.h").read_text(encoding="utf-8")
 
 
+def test_a_current_is_taken_out_and_the_field_compared_with_the_model(tmp_path: Path) -> None:
+    current = np.repeat(np.arange(1.0, 17.0), 25)
+    rows = np.column_stack([hand_turned(1, 400) + np.outer(current, (0.6, -0.4, 0.2)), current])
+    np.savetxt(tmp_path / "motor.csv", rows, fmt="%.2f", delimiter=",", header="mx_uT,my_uT,mz_uT,amps_A", comments="")
+    options = ("--on", "host", "--with", "amps_A", "--at", "48.1,11.6,2026-05-01", "--json", "--at-least", "good")
+    done = fit("motor.csv", *options, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["following"]["columns"][0]["name"] == "amps_A"
+    assert document["following"]["explained_percent"] > 50.0
+    # The model's strength in Munich (WMM-2025): 48.8 uT.
+    assert "has 48.80 uT and a dip of 64.4 deg there" in " ".join(document["notes"])
+    assert fit("motor.csv", "--on", "host", "--at", "48,11", folder=tmp_path).returncode == 4
+
+
 def test_a_refused_calibration_is_not_exported(clouds: Path) -> None:
     options = ("--shape", "sphere", "--export-json", "c.json", "--export-header", "c.h")
     done = fit("cap.csv", "--on", "host", *options, folder=clouds)
@@ -212,6 +227,7 @@ def test_a_folder_of_logs_gets_a_row_each_and_the_worst_decides(clouds: Path) ->
     assert " cases, above 2.5 in " in done.stdout
     assert done.returncode == 1
     (clouds / "cap.csv").unlink()
+    (clouds / "step.csv").unlink()
     assert fit(".", folder=clouds).returncode == 0
     assert fit(".", "--at-least", "good", folder=clouds).returncode == 1
     done = fit(".", "--json", folder=clouds)

@@ -27,6 +27,7 @@ WRITING = {
     "calibrate --out": ("calibrate", "--out"),
     "decode --csv": ("decode", "packets.bin", "--csv"),
     "report export --out": ("report", "export", "run.json", "--format", "bencher", "--out"),
+    "fit --export-ardupilot": ("fit", "points.csv", "--on", "host", "--unit", "uT", "--export-ardupilot"),
     "fit --export-header": ("fit", "points.csv", "--on", "host", "--export-header"),
     "fit --export-json": ("fit", "points.csv", "--on", "host", "--export-json"),
     "fit --html": ("fit", "points.csv", "--on", "host", "--html"),

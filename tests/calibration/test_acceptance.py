@@ -38,7 +38,9 @@ def test_good_figures_need_no_reason() -> None:
         ("radius_ut", 70.0, 70.1, Acceptance.REFUSED),
         ("direction_error_deg", 1.0, 1.01, Acceptance.FAIR),
         ("direction_error_deg", None, 2.01, Acceptance.POOR),
-        ("direction_error_deg", None, 10.1, Acceptance.REFUSED),
+        ("direction_error_deg", None, 5.01, Acceptance.REFUSED),
+        ("residual_of_spread", 0.5, 0.51, Acceptance.REFUSED),
+        ("halves_difference", 3.0, 3.01, Acceptance.REFUSED),
         ("condition", None, float("nan"), Acceptance.REFUSED),
     ],
 )

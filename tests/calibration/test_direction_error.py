@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hiltest.calibration import FitStatus, MagnetometerFit, fit_corrected, fit_direct, fit_iterative, fit_sphere
-from hiltest.calibration.direction_error import DirectionError, predicted_direction_error
+from hiltest.calibration.direction_error import DirectionError, ErrorPrediction, predicted_direction_error
 from hiltest.calibration.fit import Calibrator
 from hiltest.calibration.quality import direction_difference_rms_deg, sphere_directions
 
 from ..instances import instance
-from .hand_turned import TRUTH, hand_turned
+from .hand_turned import TRUTH, hand_turned, lasting
 
 _DRAWS = 500
 
@@ -118,3 +118,36 @@ def test_without_an_ellipsoid_there_is_no_prediction() -> None:
     points = instance(1, 100).points_counts
     assert predicted_direction_error(points, fit_sphere(points)) is None
     assert predicted_direction_error(points[:9], fit_direct(points)) is None
+
+
+def test_iron_that_drifts_for_longer_than_a_block_is_in_the_prediction() -> None:
+    """Halves of logs whose hard iron drifts by 1 uT within 40 of 160 s: blocks alone predict a third."""
+    ratios = []
+    for seed in range(12):
+        drift = lasting(np.random.default_rng(seed), 3200, 40.0)
+        halves = np.array_split(hand_turned(seed, 3200) + drift, 2)
+        fits = [fit_corrected(half) for half in halves]
+        predicted = [
+            predicted_direction_error(half, fit, unbiased=True) for half, fit in zip(halves, fits, strict=True)
+        ]
+        spreads = [error.spread_deg for error in predicted if error is not None]
+        ratios.append(direction_difference_rms_deg(*fits) / np.hypot(*spreads))
+    # A drift that lasts as long as a half cannot be predicted from it entirely.
+    assert np.median(ratios) < 2.0
+
+
+def test_halves_differ_by_the_prediction_and_by_more_after_a_change() -> None:
+    points = hand_turned(1, 1600)
+    steady = ErrorPrediction(points).halves_difference
+    points[800:] += (6.0, 0.0, 0.0)
+    changed = ErrorPrediction(points).halves_difference
+    assert steady is not None
+    assert changed is not None
+    assert (steady < 2.0, changed > 3.0) == (True, True)
+
+
+def test_a_half_at_rest_is_not_compared() -> None:
+    turn = hand_turned(1, 800)
+    rest = turn[-1] + np.random.default_rng(1).normal(0.0, 0.3, (800, 3))
+    assert ErrorPrediction(np.vstack([turn, rest])).halves_difference is None
+    assert ErrorPrediction(turn[:79]).halves_difference is None

@@ -34,6 +34,16 @@ def log_of(acceleration: Reals, rate: Reals | None, units: tuple[AccelerationUni
     return ImuLog(("made up",), np.arange(len(acceleration)) / RATE_HZ, acceleration, rate, *units)
 
 
+def test_an_accelerometer_alone_with_two_late_rests_is_refused_without_warnings() -> None:
+    """Warnings are errors in these tests."""
+    acceleration = np.random.default_rng(1).normal(0.0, 5.0, (1500, 3))
+    for first, up in ((300, (0.0, 0.0, 9.8)), (900, (9.8, 0.0, 0.0))):
+        acceleration[first : first + 300] = np.random.default_rng(2).normal(0.0, 0.01, (300, 3)) + up
+    log = log_of(acceleration, None, (AccelerationUnit.MS2, RateUnit.DPS))
+    fit = fit_imu_log(log, found_intervals(log))
+    assert (len(fit.intervals.rests), fit.accelerometer.verdict) == (2, Acceptance.REFUSED)
+
+
 def fitted(
     recording: Recording,
     accelerometer: Sensor = ACCELEROMETER,

@@ -142,6 +142,33 @@ def test_a_log_that_moved_is_refused_with_the_instant(size: float, seconds: floa
     check_rest(replace(log, rates=rates[: round(100 * (last_s - 10.0))]))
 
 
+def _noise_of(kind: str, seed: int) -> RateLog:
+    """Return 40 s at 100 Hz: 10 mdps/rtHz of noise, at rest or carried in the hand all the time."""
+    random = np.random.default_rng(seed)
+    rates = random.normal(0.0, 0.010 * np.sqrt(50.0), (4000, 3))
+    if kind != "rest":
+        size_dps = {"calm": 8.0, "walk": 60.0}[kind]
+        phase = 2.0 * np.pi * np.cumsum(random.normal(0.9, 0.1, 4000)) / 100.0
+        swing = np.column_stack([np.sin(phase), 0.7 * np.sin(2.0 * phase), 0.5 * np.sin(phase / 2.0)])
+        rates += size_dps * swing + random.normal(0.0, size_dps / 6.0, (4000, 3))
+    return RateLog(Path("gyro.csv"), ("x", "y", "z"), rates, RateUnit.DPS, 100.0, 4000, 0)
+
+
+def test_a_hundred_logs_at_rest_are_accepted_and_two_hundred_that_move_all_the_time_are_refused() -> None:
+    for seed in range(100):
+        check_rest(_noise_of("rest", seed))
+        for kind in ("walk", "calm"):
+            with pytest.raises(CalibrationError, match=r"moved"):
+                check_rest(_noise_of(kind, seed))
+
+
+def test_the_largest_noise_of_a_sensor_is_a_matter_of_its_data_sheet() -> None:
+    log = _noise_of("rest", 1)
+    with pytest.raises(CalibrationError, match=r"above 7: .*--noise"):
+        check_rest(log, noise_mdps=7.0)
+    check_rest(replace(log, rates=15.0 * log.rates), noise_mdps=250.0)
+
+
 @pytest.mark.parametrize("step", [0.02, 0.5, 4.0])
 def test_noise_drift_and_rounding_are_no_motion(step: float) -> None:
     """Noise of 0.2 deg/s, and a bias that rises by 1 deg/s within minutes of switching on, however coarsely rounded."""

@@ -14,7 +14,9 @@ from hiltest.log_fitting.sample_fit_page import fit_page
 from hiltest.log_fitting.sample_fit_table import figure_tables
 from hiltest.procedures.golden_points import golden_points
 
+from ..calibration.hand_turned import TRUTH, hand_turned
 from ..instances import instance
+from .indoor_walk import indoor_walk
 
 
 def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
@@ -30,11 +32,14 @@ def _titles(page: str) -> list[str]:
 def test_the_page_shows_verdict_figures_and_the_cloud_before_and_after() -> None:
     page = _page(golden_points(300) / 10.0)
     assert "<strong>good</strong></h1>" in page
-    assert _titles(page)[0] == "before"
-    assert re.fullmatch("after (corrected|direct|iterative)", _titles(page)[1])
-    assert _titles(page)[4:] == ["length of the corrected readings", "coverage: 100 % of the sphere"]
-    # The cloud in four drawings, in time and on the map, a dot a point.
-    assert page.count("h0") == 6 * 300
+    assert re.fullmatch("as read, with (corrected|direct|iterative)", ", ".join(_titles(page)[:2]))
+    assert _titles(page)[2:] == [
+        "heading error, level, at a dip of 60°",
+        "length of the corrected readings",
+        "coverage: 100 % of the sphere",
+    ]
+    # The cloud before and after, in time and on the map, a dot a point.
+    assert page.count("h0") == 4 * 300
 
 
 def test_half_a_cloud_shows_its_hole() -> None:
@@ -55,14 +60,14 @@ def test_left_out_readings_are_marked_and_stretch_no_drawing() -> None:
     points[[100, 101]] = (70.0, 1.0, 0.0), (9000.0, 0.0, 0.0)
     page = _page(points)
     assert "left out" not in clean
-    # The near one beside the samples, both over the order of the file; and once in each drawing's key.
-    assert page.count('class="mark series-3 hollow"') == 3 + 2
-    assert page.count("h0") == 6 * 298
+    # The near one before and after, both over the order of the file; and once in each drawing's key.
+    assert page.count('class="mark series-3 hollow"') == 4 + 3
+    assert page.count("h0") == 4 * 298
 
 
 def test_a_cloud_without_a_calibration_is_still_drawn() -> None:
     page = _page(golden_points(100)[:5] / 10.0)
-    assert _titles(page) == ["before"]
+    assert _titles(page) == ["as read"]
     assert "<strong>refused</strong></h1>" in page
 
 
@@ -84,15 +89,15 @@ def test_names_in_the_page_are_text() -> None:
 def test_a_turn_in_a_plane_has_no_map_of_the_sphere() -> None:
     turn = np.linspace(0.0, 6.0, 200)
     page = _page(np.column_stack([20.0 * np.cos(turn), 20.0 * np.sin(turn), np.full(200, 40.0)]))
-    assert _titles(page)[1:] == ["after circle"] * 3 + ["length of the corrected readings"]
+    assert _titles(page)[1:] == ["with circle", "length of the corrected readings"]
 
 
 def test_each_block_of_the_log_has_its_mean_over_time() -> None:
     points = golden_points(400) / 10.0
-    points[:20] *= 1.02  # the first of 20 blocks is 2 % longer than the others
+    points[:50] *= 1.02  # the first of 8 blocks is 2 % longer than the others
     page = _page(points)
     levels = [float(match) for match in re.findall(r'class="end" d="M[\d.]+ ([\d.]+)L', page)]
-    assert len(levels) == 20
+    assert len(levels) == 8
     assert min(levels) == levels[0]
     assert levels[0] < min(levels[1:]) - 5.0
 
@@ -100,6 +105,25 @@ def test_each_block_of_the_log_has_its_mean_over_time() -> None:
 def test_each_reason_is_told_once() -> None:
     page = _page(instance(1, 400, noise_ut=2.0, stretch=0.03, covered=(1, 1)).points_counts / 10.0)
     assert page.count("a single reading") == 1
+
+
+def test_the_picture_shows_the_hole_and_the_readings_after_a_change() -> None:
+    points = hand_turned(3, 1200)
+    points[840:] += (0.0, 0.0, 2.0)
+    rows = np.flatnonzero((points - TRUTH.hard_iron)[:, 0] < 25.0)
+    page = _page(points[rows])
+    assert re.search(r"largest hole, \d\d° about \+x", page)
+    later = sum(path.count("h0") for path in re.findall(r'class="samples[ far]* later" d="([^"]*)"', page))
+    # Each is drawn twice; the step is located to two blocks of 80.
+    assert later / 2 == pytest.approx((rows >= 840).sum(), abs=2 * len(rows) / 80)
+
+
+def test_a_refused_calibration_has_no_heading_error() -> None:
+    refused = _page(indoor_walk(1))
+    assert not any("heading error" in title for title in _titles(refused))
+    ball = np.random.default_rng(1).normal((20.0, 3.0, -40.0), 0.3, (300, 3))
+    page = _page(ball)
+    assert "cloud.csv: refused, use no calibration from this log: the sensor was at rest." in page
 
 
 def test_many_calibrators_stand_in_tables_that_fit_a_page() -> None:

@@ -12,9 +12,17 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.errors import ConfigError
 from hiltest.log_fitting import Samples, Unit
 from hiltest.log_fitting.sample_fit import fit_on_host
-from hiltest.log_fitting.span import between, field_change, instants, is_in_order_of_time, steady
+from hiltest.log_fitting.span import (
+    between,
+    field_change,
+    field_growth,
+    instants,
+    is_at_rest,
+    is_in_order_of_time,
+    steady,
+)
 
-from ..calibration.hand_turned import hand_turned
+from ..calibration.hand_turned import TRUTH, hand_turned
 
 _COUNT = 1200
 
@@ -79,6 +87,29 @@ def test_rows_in_no_order_of_time_are_said(seed: int) -> None:
         fit = fit_on_host(replace(_log(timed=False), points=points), "direct")
         assert fit.in_order is in_order
         assert ("not in order of time" in " ".join(fit.notes)) is not in_order
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_a_sensor_at_rest_is_said_to_be_at_rest_and_not_out_of_order(scale: float) -> None:
+    ball = scale * np.random.default_rng(1).normal((20.0, 3.0, -40.0), 0.3, (500, 3))
+    fit = fit_on_host(replace(_log(timed=False), points=ball), "direct")
+    assert (fit.at_rest, fit.best.verdict) == (True, Acceptance.REFUSED)
+    assert "at rest" in " ".join(fit.notes)
+    assert "order of time" not in " ".join(fit.notes)
+    shuffled = np.random.default_rng(1).permutation(hand_turned(1, 500)) + 33_000.0
+    assert not is_at_rest(replace(_log(timed=False), points=shuffled))
+
+
+def test_a_field_that_grows_by_6_percent_is_noticed_and_is_no_step() -> None:
+    for seed in range(20):
+        points, middle = hand_turned(seed, 800), TRUTH.hard_iron
+        assert field_growth(replace(_log(timed=False), points=points)) is None
+        grown = middle + (points - middle) * np.linspace(0.97, 1.03, 800)[:, None]
+        fit = fit_on_host(replace(_log(timed=False), points=grown), "direct")
+        # 0.3 uT of noise that lasts a second: 0.6 % in 40 s.
+        assert fit.growth_percent == pytest.approx(6.0, abs=2.0)
+        assert (fit.change, fit.best.verdict is Acceptance.GOOD) == (None, False)
+    assert field_growth(_log(timed=True)) is None  # a step
 
 
 @pytest.mark.parametrize("revolutions", [1, 2, 4])

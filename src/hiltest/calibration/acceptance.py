@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from hiltest.calibration.conditioning import LARGEST_CONDITION
+from hiltest.calibration.conditioning import LARGEST_CONDITION, WELL_CONDITIONED
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.robust import MANY_LEFT_OUT
 from hiltest.calibration.shapes import Shape
@@ -40,8 +40,14 @@ class FitFigures:
     radius_ut: float | None = None
     """None if the unit of the points is not known."""
     direction_error_deg: float | None = None
+    residual_of_spread: float | None = None
+    """Residual relative to the spread of the raw norms, both in parts of the length; None if iron is certain."""
+    halves_difference: float | None = None
+    """Angle between the calibrations of two halves, in predicted ones; None if a half determines none."""
     change_percent: float | None = None
     """Step of the hard iron within the points, relative to the radius; None without one."""
+    growth_percent: float | None = None
+    """Size of the growth of the field's strength over the points; None without one."""
     shape: Shape | None = None
     """None for an ellipsoid."""
     strong_iron_deg: float | None = None
@@ -84,8 +90,6 @@ class Bound:
         return not (value >= self.limit if self.below else value <= self.limit)
 
 
-#: Condition up to which an ellipsoid is determined in all directions.
-WELL_CONDITIONED = 60.0
 #: Boards and cases stretch the field by tenths. A factor of two means that this is not a sensor in the earth's field,
 #: unless the points show the whole ellipsoid: then the part is unusual, not the fit.
 LARGEST_AXIS_RATIO = 2.0
@@ -180,13 +184,31 @@ BOUNDS = (
         Acceptance.REFUSED,
         "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray",
     ),
-    # The packaged rig's heading without any calibration is off by up to 10 deg.
+    # A field that varies and a sensor without iron have about 1, the iron of a board less, unless it is as small as the
+    # noise.
+    Bound(
+        "residual_of_spread",
+        "",
+        0.5,
+        Acceptance.REFUSED,
+        "the calibration hardly makes the norms more equal: no iron to correct, or a field that varies; turn the "
+        "sensor in one place",
+    ),
+    # A calibration is made for headings within 2 deg, and boards without any err by 5 to 10.
     Bound(
         "direction_error_deg",
         "deg",
-        10.0,
+        5.0,
         Acceptance.REFUSED,
-        "the points determine directions no better than without calibration; take more points, in all directions",
+        "the points determine directions hardly better than without calibration; take more points, in all directions",
+    ),
+    Bound(
+        "halves_difference",
+        "",
+        3.0,
+        Acceptance.REFUSED,
+        "the calibrations of the log's halves contradict each other: the field, the iron or the sensor changed; fit a "
+        "part of the log",
     ),
     Bound(
         "direction_error_deg",
@@ -227,6 +249,14 @@ BOUNDS = (
         0.0,
         Acceptance.POOR,
         "the hard iron differs before and after; fit one part, or move the sensor away from moving iron",
+    ),
+    # Any detectable growth: its middle is fitted, and 3 % of the strength are 0.9 % of residual.
+    Bound(
+        "growth_percent",
+        "%",
+        0.0,
+        Acceptance.FAIR,
+        "the field's strength or the sensor's scale changes over the log; let the sensor warm up and stay in one place",
     ),
 )
 

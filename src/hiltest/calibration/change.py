@@ -1,15 +1,15 @@
-"""Detection of a step of the hard iron in a log, with its place and size."""
+"""Detection of a step of the hard iron in a log, with its place and size, and of a growth of the field."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hiltest.calibration.conditioning import TRACELESS, CentredPoints
-from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array, squared_lengths
+from hiltest.calibration.fit import ELLIPSOID_UNKNOWNS, Array, points_array
+from hiltest.calibration.plain_quadric import PlainQuadric
 from hiltest.calibration.robust import SIGMA
 
 #: Smallest step relative to the radius: 1.7 degrees across.
@@ -19,6 +19,8 @@ _LEAST_EXPLAINED = 0.2
 # Largest deviation of a step relative to the radius, so that a log with few data on one side of an instant raises no
 # alarm.
 _LARGEST_DEVIATION = 0.03
+# Deviations of a growth above which it is no accident.
+_CLEARLY = 4.0
 # Blocks of a log in time: a step is located to 1.25 % of it, and each part has at least 15 %. Two neighbours together
 # are a block of the sandwich.
 _BLOCKS, _LEAST_BLOCKS = 80, 12
@@ -61,16 +63,12 @@ def find_change(points: ArrayLike) -> Change | None:
     trimmed = _trim(readings)
     if trimmed is None:
         return None
-    used, (centred, rows, target, parameters) = trimmed
-    shape = np.eye(3) + np.tensordot(parameters[:5], TRACELESS, axes=1)
-    if not float(np.linalg.eigvalsh(shape)[0]) > 0.0:
+    used, quadric = trimmed
+    ellipsoid = quadric.ellipsoid()
+    if ellipsoid is None:
         return None
-    centre = np.linalg.solve(shape, -0.5 * parameters[5:8])
-    radius = float(np.sqrt(max(0.0, centre @ shape @ centre - parameters[8])))
-    slopes = 2.0 * (centred.points - centre) @ shape
-    edges = np.arange(_BLOCKS + 1) * len(rows) // _BLOCKS
-    every = np.column_stack([rows, -slopes, target])
-    sums = np.array([part.T @ part for part in np.split(every, edges[1:-1])])
+    radius, slopes = math.sqrt(max(0.0, ellipsoid[0])), ellipsoid[1]
+    sums, edges = _block_sums(quadric, -slopes)
     steps = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
     valid = [step for step in steps if step is not None and step.deviation <= _LARGEST_DEVIATION * radius]
     if not valid:
@@ -79,7 +77,48 @@ def find_change(points: ArrayLike) -> Change | None:
     percent = 100.0 * float(np.linalg.norm(best.step)) / radius
     if percent < LEAST_STEP_PERCENT or best.explained < _LEAST_EXPLAINED:
         return None
-    return Change(int(used[edges[best.place]]), centred.scale * best.step, percent)
+    return Change(int(used[edges[best.place]]), quadric.centred.scale * best.step, percent)
+
+
+def find_growth(points: ArrayLike) -> float | None:
+    """Return the growth of the field's strength over a log, relative to its middle [%]; None if there is none.
+
+    Parameters
+    ----------
+    points : shape (n, 3)
+        Readings in the order of time; fewer than 160 cannot show a growth.
+
+    Notes
+    -----
+    A strength that grows by g from the first to the last reading leaves ``|p|^2 + d . t - 2 g R^2 s``, with s from -1/2
+    to 1/2, linear in t and g. It counts from 3 % on, and from four of its deviations, of a sandwich over the blocks.
+    """
+    trimmed = _trim(points_array(points))
+    if trimmed is None:
+        return None
+    used, quadric = trimmed
+    ellipsoid = quadric.ellipsoid()
+    if ellipsoid is None:
+        return None
+    square, _ = ellipsoid
+    blocks, _ = _block_sums(quadric, (used / max(1, len(points_array(points)) - 1) - 0.5)[:, None])
+    blocks = blocks[::2] + blocks[1::2]
+    whole = blocks.sum(axis=0)
+    try:
+        inverse = np.linalg.inv(whole[:-1, :-1])
+    except np.linalg.LinAlgError:
+        return None
+    solved = inverse @ whole[:-1, -1]
+    scores = (blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ solved) @ inverse[-1]
+    growth, deviation = -float(solved[-1]) / (2.0 * square), math.sqrt(float(scores @ scores)) / (2.0 * square)
+    return 100.0 * growth if abs(growth) >= max(0.01 * LEAST_STEP_PERCENT, _CLEARLY * deviation) else None
+
+
+def _block_sums(quadric: PlainQuadric, further: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return the sums of products of the rows, further columns and the target in each block, and the blocks' edges."""
+    edges = np.arange(_BLOCKS + 1) * len(quadric.rows) // _BLOCKS
+    every = np.column_stack([quadric.rows, further, quadric.target])
+    return np.array([part.T @ part for part in np.split(every, edges[1:-1])]), edges
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,41 +129,23 @@ class _Step:
     explained: float
 
 
-class _PlainFit(NamedTuple):
-    """Points, rows and target of the quadric through them, and its nine parameters by least squares."""
-
-    centred: CentredPoints
-    rows: Array
-    target: Array
-    parameters: Array
-
-
-def _trim(points: Array) -> tuple[NDArray[np.intp], _PlainFit] | None:
+def _trim(points: Array) -> tuple[NDArray[np.intp], PlainQuadric] | None:
     """Return the readings without outliers and their fit; None if there are too few."""
     if len(points) < _FEWEST:
         return None
     off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     used = np.flatnonzero(off <= _GATE * float(np.median(off)))
-    fit = _plain_fit(points[used])
+    fit = PlainQuadric.fit(points[used])
     for _ in range(_PASSES):
         if fit is None:
             return None
-        residuals = np.abs(fit.target - fit.rows @ fit.parameters)
+        residuals = np.abs(fit.residuals)
         inside = residuals <= _TRIM * float(np.median(residuals))
         if inside.all():
             break
         used = used[inside]
-        fit = _plain_fit(points[used])
+        fit = PlainQuadric.fit(points[used])
     return None if fit is None or len(used) < _FEWEST else (used, fit)
-
-
-def _plain_fit(points: Array) -> _PlainFit | None:
-    centred = CentredPoints.centre(points)
-    if centred is None or len(points) <= ELLIPSOID_UNKNOWNS:
-        return None
-    rows, target = centred.rows(), -squared_lengths(centred.points)
-    parameters = np.linalg.lstsq(rows.T @ rows, rows.T @ target, rcond=1e-12)[0]
-    return _PlainFit(centred, rows, target.astype(np.float64), parameters.astype(np.float64))
 
 
 def _step(sums: Array, place: int) -> _Step | None:

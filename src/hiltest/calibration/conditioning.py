@@ -28,6 +28,8 @@ TRACELESS_IN_PLANE = _HALF * np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [
 CONDITION_SINGULAR = 1e15
 #: Condition up to which points determine an ellipsoid at all; 30 % of the sphere has more (see `ellipsoid_condition`).
 LARGEST_CONDITION = 300.0
+#: Condition up to which an ellipsoid is determined in all directions.
+WELL_CONDITIONED = 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

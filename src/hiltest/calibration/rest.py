@@ -72,10 +72,37 @@ def first_motion(rates: Reals, *, rate_hz: float) -> Motion | None:
     )
 
 
+def density_of_changes(rates: Reals, *, rate_hz: float) -> Reals:
+    """Return the one-sided noise density of each axis that the changes from second to second have, shape (axes,).
+
+    Parameters
+    ----------
+    rates : shape (n, axes)
+        In any unit; the density is in it over sqrt(Hz). For less than three seconds changes of a tenth count, and
+        the density is zero if there are fewer than three of these.
+
+    Notes
+    -----
+    White noise of density d makes means over T differ by ``d / sqrt(T)``. A motion that lasts for all of the log makes
+    its own "noise", which only an absolute limit of this density detects.
+    """
+    for seconds in reversed(_WINDOWS_S):
+        size = max(1, round(seconds * rate_hz))
+        if len(rates) >= 3 * size:
+            noise = np.percentile(np.abs(_mean_changes(rates, size)), _QUARTILE, axis=0) / _OF_DEVIATION
+            return np.asarray(noise * np.sqrt(size / rate_hz))
+    return np.zeros(rates.shape[1])
+
+
+def _mean_changes(rates: Reals, size: int) -> Reals:
+    count = len(rates) // size
+    changes: Reals = np.diff(rates[: count * size].reshape(count, size, -1).mean(axis=1), axis=0)
+    return changes
+
+
 def _changes(rates: Reals, size: int) -> tuple[Reals, Reals]:
     """Return the changes between the means of neighbouring windows, and their sizes in deviations of the noise."""
-    count = len(rates) // size
-    changes = np.diff(rates[: count * size].reshape(count, size, -1).mean(axis=1), axis=0)
+    changes = _mean_changes(rates, size)
     noise = np.percentile(np.abs(changes), _QUARTILE, axis=0) / _OF_DEVIATION
     # If nearly all readings are equal the quartile is zero, but one step of the converter in a window is not a motion.
     steps = np.abs(np.diff(rates, axis=0))

@@ -21,8 +21,8 @@ _EXPECTED = 5.0
 
 # Number of points above which one per cell of a hundredth by a hundredth by a hundredth represents all: 1 deg apart.
 _MANY, _CELLS = 50_000, 100
-# Maximum number of points for computing all distances, in 32 MB.
-_FEW = 1000
+# Maximum number of points for computing all distances, in 16 MB, and of directions for distances to more, in 20 MB.
+_FEW, _BATCH = 1000, 50
 # Smallest component of a direction, relative to the largest, that is named.
 _NAMED_FROM = 0.5
 
@@ -88,13 +88,10 @@ def solid_angle_covered(corrected: ArrayLike) -> float:
 
 
 def _nearest_distances(directions: Array) -> Array:
-    """Return the chord from each direction of `SPHERE` to the nearest of unit vectors."""
-    if len(directions) <= _FEW:
-        x, y, z = ((SPHERE[:, axis, None] - directions[:, axis]) ** 2 for axis in range(3))
-        nearest: Array = np.sqrt((x + y + z).min(axis=1))
-        return nearest
-    from scipy.spatial import KDTree  # takes 0.2 s, in which all distances to a few points are computed
+    """Return the chord from each direction of `SPHERE` to the nearest of unit vectors, exact if it is large.
 
+    It is exact for the largest and for all above the radius of an empty cap; others may be too large, but not as large.
+    """
     if len(directions) > _MANY:
         edge = 2 * _CELLS + 1
         backwards = np.ascontiguousarray(directions[::-1])
@@ -103,9 +100,25 @@ def _nearest_distances(directions: Array) -> Array:
         # the time of a sort.
         cell_index = np.full(edge**3, -1, dtype=np.int32)
         cell_index[cells] = np.arange(len(cells), dtype=np.int32)
-        directions = backwards[cell_index[cell_index >= 0]]
-    # Unbalanced, because a balanced tree takes several times as long to build.
-    chords: Array = KDTree(directions, balanced_tree=False, compact_nodes=False).query(SPHERE)[0]
+        from scipy.spatial import KDTree  # takes 0.3 s, more than the distances to fewer points
+
+        # Unbalanced, because a balanced tree takes several times as long to build.
+        tree = KDTree(backwards[cell_index[cell_index >= 0]], balanced_tree=False, compact_nodes=False)
+        return np.asarray(tree.query(SPHERE)[0], dtype=np.float64)
+    chords = _chords(SPHERE, directions[:: -(-len(directions) // _FEW)])
+    if len(directions) > _FEW:
+        largest, cap = 0.0, 2.0 * math.sin(math.radians(_HOLE_DEG) / 2.0)
+        for batch in np.array_split(np.argsort(-chords), len(SPHERE) // _BATCH):
+            if chords[batch[0]] < min(largest, cap):
+                break
+            chords[batch] = _chords(SPHERE[batch], directions)
+            largest = max(largest, float(chords[batch].max()))
+    return chords
+
+
+def _chords(sphere: Array, directions: Array) -> Array:
+    """Return the chord from each unit vector to the nearest of others."""
+    chords: Array = np.sqrt(np.maximum(0.0, 2.0 - 2.0 * (sphere @ directions.T).max(axis=1)))
     return chords
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,6 +75,18 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     help="Set the known strength of the field; for circle and ellipse, of its part in the plane.",
 )
 @click.option(
+    "--with",
+    "followed",
+    metavar="COLUMN",
+    multiple=True,
+    help="Fit hard iron that follows this column too: a current, throttle or temperature; by name or number from 1.",
+)
+@click.option(
+    "--at",
+    metavar="LATITUDE,LONGITUDE,DATE",
+    help="Compare strength and dip with the World Magnetic Model; the date as YYYY-MM-DD.",
+)
+@click.option(
     "--from",
     "first",
     metavar="T",
@@ -99,6 +113,9 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @json_option("hiltest.fit/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
+@click.option(
+    "--export-ardupilot", metavar="FILE", type=_FILE, help="Write the best calibration as parameters of ArduPilot."
+)
 @click.option("--force", is_flag=True, help="Export even a refused calibration, which is marked as refused.")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the samples before and after.")
 @click.option(
@@ -116,6 +133,8 @@ def fit(
     calibrator: str,
     shape: str,
     field_ut: float | None,
+    followed: tuple[str, ...],
+    at: str | None,
     first: float | None,
     last: float | None,
     steady: bool,
@@ -125,6 +144,7 @@ def fit(
     as_json: bool,
     export_json: Path | None,
     export_header: Path | None,
+    export_ardupilot: Path | None,
     force: bool,
     html: Path | None,
     at_least: str,
@@ -149,10 +169,18 @@ def fit(
     )
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
+    following = None
+    if followed:
+        from hiltest.log_fitting.followed_columns import following_sentences, without_following
+
+        read, following = without_following(read, followed, robust=robust != "none")
     fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)
+    extra = [] if following is None else following_sentences(following, fitted.unit)
+    extra += [] if at is None else [_compare_with_model(fitted, at)]
+    fitted = replace(fitted, following=following, notes=(*extra, *fitted.notes))
     if not as_json:
         _show(fitted, as_json=False)
-    _export(fitted, export_json, export_header, force=force)
+    _export(fitted, export_json, export_header, export_ardupilot, force=force)
     if html is not None:
         from hiltest.log_fitting.sample_fit_page import write_page
 
@@ -249,11 +277,39 @@ def _show(fitted: SampleFit, *, as_json: bool) -> None:
     print_fit(fitted, standard_output())
 
 
-def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None, *, force: bool) -> None:
-    if as_json is None and as_header is None:
+def _compare_with_model(fitted: SampleFit, place: str) -> str:
+    """Return the best calibration's strength and dip beside those of the World Magnetic Model."""
+    from hiltest.doctor.field_checks import field_at
+    from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
+
+    try:
+        latitude, longitude, day = place.split(",")
+        model = field_at(float(latitude), float(longitude), 0.0, date.fromisoformat(day.strip()))
+    except ValueError as error:
+        raise click.UsageError(
+            f"--at {place}: write latitude, longitude, date, such as 48.1,11.6,2026-05-01"
+        ) from error
+    if isinstance(model, str):
+        raise click.UsageError(f"--at {place}: {model}")
+    best, unit = fitted.best, MICROTESLA[Unit(fitted.unit)]
+    strength, dip = "an unknown strength", "an unknown dip, because gravity was not used"
+    if best.radius is not None and unit is not None:
+        strength = f"{best.radius * unit:.2f} uT, {best.radius * unit / model.strength_ut:.3f} of it"
+    if best.gravity is not None and best.gravity.dip_deg is not None:
+        dip = f"a dip of {best.gravity.dip_deg:.1f} deg"
+    return (
+        f"{model.model} has {model.strength_ut:.2f} uT and a dip of {abs(model.dip_deg):.1f} deg there; the log has "
+        f"{strength}, and {dip}."
+    )
+
+
+def _export(
+    fitted: SampleFit, as_json: Path | None, as_header: Path | None, as_ardupilot: Path | None, *, force: bool
+) -> None:
+    if as_json is None and as_header is None and as_ardupilot is None:
         return
     from hiltest.calibration.acceptance import Acceptance
-    from hiltest.log_fitting.sample_fit_exports import export_header, export_json
+    from hiltest.log_fitting.sample_fit_exports import export_ardupilot, export_header, export_json
 
     if fitted.best.verdict is Acceptance.REFUSED:
         if fitted.best.hard_iron is None:
@@ -263,7 +319,6 @@ def _export(fitted: SampleFit, as_json: Path | None, as_header: Path | None, *, 
             click.echo("refused: the calibration was not exported; --force exports it anyway", err=True)
             return
         click.echo("refused: exported anyway, and marked as refused", err=True)
-    if as_json is not None:
-        export_json(fitted, as_json)
-    if as_header is not None:
-        export_header(fitted, as_header)
+    for path, export in ((as_json, export_json), (as_header, export_header), (as_ardupilot, export_ardupilot)):
+        if path is not None:
+            export(fitted, path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -44,6 +45,13 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     default=0.0,
     help="Begin at this time, in seconds after the first row.",
 )
+@click.option(
+    "--noise",
+    "noise_mdps",
+    metavar="MDPS",
+    type=NumberRange(1e-6),
+    help="Refuse a log with a larger noise density [mdps/rtHz] as moved; see the data sheet.  [default: 100]",
+)
 @click.option("--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf, help="End before this time.")
 @json_option("hiltest.allan/1")
 @click.option("--html", metavar="FILE", type=_FILE, help="Write a page with the curve.")
@@ -55,6 +63,7 @@ def fit_noise(
     rate_hz: float | None,
     first: float,
     last: float,
+    noise_mdps: float | None,
     as_json: bool,
     html: Path | None,
 ) -> None:
@@ -65,7 +74,7 @@ def fit_noise(
     """
     from hiltest.calibration.allan import allan_curve
     from hiltest.log_fitting.allan_page import HEADER, allan_document, headline, table, write_page
-    from hiltest.log_fitting.rate_log import check_rest, read_rate_log
+    from hiltest.log_fitting.rate_log import LARGEST_NOISE_MDPS, check_rest, read_rate_log
     from hiltest.measurement.units import RATE_WORDS
 
     read = read_rate_log(
@@ -77,7 +86,10 @@ def fit_noise(
         first_s=first,
         last_s=last,
     )
-    check_rest(read)
+    check_rest(read, noise_mdps=noise_mdps or LARGEST_NOISE_MDPS)
+    if not read.is_in_degrees:
+        unchecked = "The scale of counts is unknown, so a motion from beginning to end is not detected."
+        read = replace(read, notes=(*read.notes, unchecked))
     curve = allan_curve(read.rates, rate_hz=read.rate_hz)
     if not as_json:
         click.echo(headline(read))

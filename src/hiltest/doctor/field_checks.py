@@ -39,22 +39,24 @@ class ModelField:
 
 def model_field(rig: Rig, today: date) -> ModelField | str:
     """Return the World Magnetic Model's field at the rig's place, or the reason why it is unknown."""
-    from pygeomag import GeoMag, calculate_decimal_year
-
     place = rig.field
     if place.latitude_deg is None or place.longitude_deg is None:
         return "the rig has no place: write latitude_deg and longitude_deg under [field]"
+    return field_at(place.latitude_deg, place.longitude_deg, place.altitude_m, today)
+
+
+def field_at(latitude_deg: float, longitude_deg: float, altitude_m: float, day: date) -> ModelField | str:
+    """Return the World Magnetic Model's field at a place on a day, or the reason why it is unknown."""
+    from pygeomag import GeoMag, calculate_decimal_year
+
     model = GeoMag()
     try:
         result = model.calculate(
-            glat=place.latitude_deg,
-            glon=place.longitude_deg,
-            alt=1e-3 * place.altitude_m,
-            time=calculate_decimal_year(today),
+            glat=latitude_deg, glon=longitude_deg, alt=1e-3 * altitude_m, time=calculate_decimal_year(day)
         )
     except ValueError:
         begin, end = model.life_span
-        return f"{model.model} is valid from {begin:.0f} to {end:.0f}, and today is {today}: install a newer pygeomag"
+        return f"{model.model} is valid from {begin:.0f} to {end:.0f}, and the day is {day}: install a newer pygeomag"
     return ModelField(1e-3 * result.f, result.i, result.d, model.model)
 
 

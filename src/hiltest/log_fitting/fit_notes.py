@@ -20,10 +20,8 @@ def notes(fit: SampleFit) -> Iterator[str]:
         why = "The header has no known unit: the readings count as counts" if fit.unit_from == "assumed" else "Counts"
         yield f"{why} of unknown scale, so the field strength is not checked; set the unit with --unit uT or gauss."
     # The radius of a shape other than an ellipsoid may differ from the field's strength.
-    undetermined = fit.best.shape is not None or any(
-        reason.figure == "condition" and reason.verdict is Acceptance.REFUSED for reason in fit.best.reasons
-    )
-    if fit.best.radius is not None and not undetermined:
+    refused = {reason.figure for reason in fit.best.reasons if reason.verdict is Acceptance.REFUSED}
+    if fit.best.radius is not None and not (fit.best.shape is not None or fit.at_rest or "condition" in refused):
         yield from asked_of_field(fit.best.radius, Unit(fit.unit), fit.unit_from)
     if fit.n_skipped:
         yield f"{fit.n_skipped} rows without three finite numbers were skipped."
@@ -33,7 +31,14 @@ def notes(fit: SampleFit) -> Iterator[str]:
             f"The field changed {fit.change.when}: the hard iron changes by {fit.change.percent:.1f} % of the radius. "
             f"--to {at} or --from {at} selects one part of the log, --steady the longest part without a change."
         )
-    if not fit.in_order:
+    if fit.growth_percent is not None:
+        yield (
+            f"The field's strength changed by {fit.growth_percent:+.1f} % over the log: the sensor warmed "
+            "up, or moved to another place."
+        )
+    if fit.at_rest:
+        yield "The sensor was at rest: the readings are a small ball of noise. Turn it in all directions while you log."
+    elif not fit.in_order:
         yield (
             "The rows are not in order of time: a reading is as far from the next as from any other. The predicted "
             "direction error assumes independent noise, and a changed field cannot be detected."

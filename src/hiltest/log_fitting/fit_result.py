@@ -17,6 +17,8 @@ Triple: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[Triple, Triple, Triple]
 
 _ORDER = list(Acceptance)
+#: Status of the readings without calibration.
+AS_READ = "none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +77,33 @@ class AgainstGravity:
 
 
 @dataclass(frozen=True, slots=True)
+class FollowedColumn:
+    """A column of the log that the hard iron follows."""
+
+    name: str
+    unit: str
+    """Its header, and its unit; empty if unknown."""
+    vector: Triple
+    """Hard iron per unit of the column, in the unit of the samples."""
+    error: float
+    """Standard deviation of the vector: the root of the sum over its components."""
+    reference: float
+    """Value at which `CalibratorFit.hard_iron` is stated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """Iron that follows columns of the log; the calibrators get readings without it."""
+
+    columns: tuple[FollowedColumn, ...]
+    before_percent: float
+    after_percent: float
+    """Residual without and with it."""
+    explained_percent: float
+    """Part of the squared residual that it explains."""
+
+
+@dataclass(frozen=True, slots=True)
 class CalibratorFit:
     """Result of one calibrator, or shape; lengths are in the unit of the samples."""
 
@@ -119,6 +148,11 @@ class CalibratorFit:
     gravity: GravityFigures | None = None
     """Figures of a calibration against gravity, on the host."""
 
+    @property
+    def verdict_text(self) -> str:
+        """Verdict, or a dash for readings as read that no calibration shows the error of."""
+        return "-" if self.status == AS_READ and self.direction_error_deg is None else self.verdict
+
 
 @dataclass(frozen=True, slots=True)
 class FirmwareUsed:
@@ -161,8 +195,12 @@ class SampleFit:
     """First and last line of each run of them; without a file, numbers of readings from 1."""
     in_order: bool
     """True if the rows are in the order of time: false if a reading is as far from the next one as from any other."""
+    at_rest: bool
+    """True if the readings are a small ball of noise."""
     change: FieldChange | None
     """Step of the hard iron."""
+    growth_percent: float | None
+    """Growth of the field's strength from the first to the last reading; None if it is not significant."""
     condition: float
     """Condition of the samples, for any calibrator."""
     hole: Hole | None
@@ -176,11 +214,13 @@ class SampleFit:
     calibrators: tuple[CalibratorFit, ...]
     notes: tuple[str, ...]
     """Notes, one sentence each."""
-    as_read: CalibratorFit | None = None
+    as_read: CalibratorFit
     """Readings without calibration. Their direction error is the rms angle to those of the best calibration by norms
     alone; None if that is refused, or fits a turn."""
     gravity: AgainstGravity | None = None
     """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
+    following: Following | None = None
+    """Iron that follows columns; None if no column was named."""
 
     @property
     def n_left(self) -> int:
@@ -190,7 +230,9 @@ class SampleFit:
     @property
     def worse_than_none(self) -> list[str]:
         """Calibrators with a larger direction error than that of the readings without calibration."""
-        as_read_deg = math.inf if self.as_read is None else self.as_read.direction_error_deg or 0.0
+        as_read_deg = self.as_read.direction_error_deg
+        if as_read_deg is None:
+            return []
         return [fit.name for fit in self.calibrators if (fit.direction_error_deg or 0.0) > as_read_deg]
 
     @property

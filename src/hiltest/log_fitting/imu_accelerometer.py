@@ -20,8 +20,8 @@ from hiltest.calibration.accelerometer import (
     fit_ellipsoid,
     fit_six_position,
 )
-from hiltest.calibration.acceptance import WELL_CONDITIONED, Acceptance, Bound, Reason, rate_by
-from hiltest.calibration.conditioning import ellipsoid_condition
+from hiltest.calibration.acceptance import Acceptance, Bound, Reason, rate_by
+from hiltest.calibration.conditioning import WELL_CONDITIONED, ellipsoid_condition
 from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.direction_error import predicted_direction_error

@@ -106,7 +106,9 @@ def rest_rate(log: ImuLog, rests: Sequence[Interval] = ()) -> Reals:
     In the latter case it is the reading nearest to zero of the quietest seconds; for counts, whose zero is unknown, the
     first of them.
     """
-    readings = log.rate if log.rate is not None else np.zeros((1, 3))
+    readings = log.rate
+    if readings is None:
+        return np.zeros(3)
     if rests:
         return np.asarray(np.concatenate([readings[rest.start : rest.end] for rest in rests]).mean(axis=0))
     size = min(len(readings), max(2, round(_WINDOW_S / log.period_s)))

@@ -25,7 +25,7 @@ from hiltest.log_fitting.samples import Samples, read_samples
 
 # Divisions of a log: first and second half, or odd and even pieces.
 CUTS = {"halves": 2, "tenths": 10}
-# Minimum number of readings: two in each of the 20 blocks of a part, whose spread gives its error.
+# Minimum number of readings: five in each of the 8 blocks of a part, whose spread gives its error.
 _FEWEST = 40
 _LARGEST_CONDITION = next(
     bound.limit for bound in BOUNDS if bound.figure == "condition" and bound.verdict is Acceptance.REFUSED

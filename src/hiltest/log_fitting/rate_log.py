@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.calibration.rest import first_motion
+from hiltest.calibration.rest import density_of_changes, first_motion
 from hiltest.errors import CalibrationError, ConfigError
 from hiltest.interfaces.sensor_files.cells import is_number, shown
 from hiltest.interfaces.sensor_files.columns import (
@@ -34,6 +34,8 @@ _AXES = 3
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
 # Largest time of a clock: 3000 years in nanoseconds.
 _LATEST = 1e20
+#: Largest noise density of a gyroscope at rest [mdps/rtHz]: data sheets state 3 to 30.
+LARGEST_NOISE_MDPS = 100.0
 # Range of sampling rates: outside, the time must be in another unit.
 _RATES_HZ = (1e-3, 1e6)
 
@@ -177,15 +179,28 @@ def rest_bias(
     return np.asarray(log.rates.mean(axis=0) / (per_unit or 1.0))
 
 
-def check_rest(log: RateLog) -> None:
+def check_rest(log: RateLog, *, noise_mdps: float = LARGEST_NOISE_MDPS) -> None:
     """Refuse a log of a moved sensor.
+
+    Parameters
+    ----------
+    noise_mdps
+        Largest noise density of the sensor at rest [mdps/rtHz]; not applied to counts.
 
     Raises
     ------
     CalibrationError
-        When the sensor moved; the message has the instant, and the part to use instead.
+        When the sensor moved; the message has the instant, and the part to use instead, unless it moved all the time.
     """
     motion = first_motion(log.rates, rate_hz=log.rate_hz)
+    density_mdps = 1000.0 * density_of_changes(log.rates, rate_hz=log.rate_hz)
+    if log.is_in_degrees and motion is None and density_mdps.max() > noise_mdps:
+        axis = int(density_mdps.argmax())
+        raise CalibrationError(
+            f"{log.path}: {log.columns[axis]} changes from second to second like a noise of {density_mdps[axis]:.3g} "
+            f"mdps/rtHz, above {noise_mdps:g}: the sensor moved from beginning to end. Log again with it at rest, "
+            "or set the largest noise of its data sheet with --noise"
+        )
     if motion is None:
         return
     at_s, first_s, last_s = (log.start_s + at / log.rate_hz for at in (motion.start, *motion.rest))

@@ -15,11 +15,16 @@ from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg, residual_of_corrected_percent
 from hiltest.calibration.shapes import Shape, fit_shape
 from hiltest.calibration.solid_angle import solid_angle_covered
-from hiltest.log_fitting.fit_result import CalibratorFit, Triple, Turn
+from hiltest.log_fitting.fit_result import AS_READ, CalibratorFit, Triple, Turn
 from hiltest.log_fitting.samples import Samples
 from hiltest.log_fitting.span import FieldChange
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Largest mean of raw norms to which their spread is relative, in radii: raw counts may be about any number.
+_FARTHEST_ZERO = 3.0
+# Multiple of the predicted error above which a correction is no accident, as for the halves.
+_CLEARLY = 3.0
 
 
 class Rating:
@@ -31,6 +36,8 @@ class Rating:
         Samples without omitted ones.
     change
         Step of the hard iron in the complete log.
+    growth_percent
+        Growth of the field's strength over the complete log.
 
     Attributes
     ----------
@@ -38,16 +45,19 @@ class Rating:
         Condition of the samples, for any calibrator.
     """
 
-    def __init__(self, samples: Samples, change: FieldChange | None) -> None:
-        self._samples, self._change = samples, change
+    def __init__(self, samples: Samples, change: FieldChange | None, growth_percent: float | None = None) -> None:
+        self._samples, self._change, self._growth_percent = samples, change, growth_percent
         self._predicted = samples.points, ErrorPrediction(samples.points)
         self.condition = self._predicted[1].condition
+        self._halves_difference = self._predicted[1].halves_difference
 
     def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
         """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples."""
         predicted = self._predictions(used).predict(fit, unbiased=is_unbiased(name, fit.iterations))
-        figures = FitFigures(fit.status, condition=self.condition, n=len(used))
-        return self._rate_fit(name, fit, figures, predicted)
+        figures = FitFigures(
+            fit.status, condition=self.condition, n=len(used), halves_difference=self._halves_difference
+        )
+        return self._rate_fit(name, fit, figures, predicted, self._samples.points)
 
     def _predictions(self, used: Array) -> ErrorPrediction:
         """Return the prediction for the calibrators' points, which are the same for one board or for the host."""
@@ -55,20 +65,19 @@ class Rating:
             self._predicted = used, ErrorPrediction(used)
         return self._predicted[1]
 
-    def as_read(self, best: CalibratorFit) -> CalibratorFit | None:
+    def as_read(self, best: CalibratorFit) -> CalibratorFit:
         """Rate the readings without calibration, their error being the rms angle to the best calibration's directions.
 
-        The result is None if that calibration is refused, or does not apply to all directions.
+        The error is None if that calibration is refused, or does not apply to all directions.
         """
-        if best.hard_iron is None or best.radius is None or best.verdict is Acceptance.REFUSED or best.turn is not None:
-            return None
-        length = float(np.linalg.norm(self._samples.points, axis=1).mean())
-        raw = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, np.eye(3) / length, np.zeros(3))
-        soft_iron, hard_iron = np.array(best.soft_iron) / best.radius, np.array(best.hard_iron)
-        calibrated = replace(raw, soft_iron=soft_iron, hard_iron=hard_iron)
-        error = DirectionError(spread_deg=0.0, bias_deg=direction_difference_rms_deg(raw, calibrated))
+        length = float(np.linalg.norm(self._samples.points, axis=1).mean()) or 1.0
+        raw, error = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, np.eye(3) / length, np.zeros(3)), None
+        if best.hard_iron and best.radius and best.verdict is not Acceptance.REFUSED and best.turn is None:
+            soft_iron, hard_iron = np.array(best.soft_iron) / best.radius, np.array(best.hard_iron)
+            calibrated = replace(raw, soft_iron=soft_iron, hard_iron=hard_iron)
+            error = DirectionError(spread_deg=0.0, bias_deg=direction_difference_rms_deg(raw, calibrated))
         figures = FitFigures(FitStatus.ELLIPSOID)
-        return replace(self._rate_fit("as read", raw, figures, error), status="none", n_used=len(self._samples.points))
+        return replace(self._rate_fit("as read", raw, figures, error), status=AS_READ, n_used=len(self._samples.points))
 
     def shape(self, shape: Shape, field: float | None, left_out_percent: float) -> CalibratorFit:
         """Fit and rate a shape, with the field's strength in the samples' unit if it is known."""
@@ -81,7 +90,9 @@ class Rating:
             left_out_percent=left_out_percent,
             strong_iron_deg=None if strong is None else strong.rms_deg,
         )
-        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error)
+        points, plane = self._samples.points, shape_fit.plane
+        in_plane = points if plane is None else points @ plane.axes[:2].T
+        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error, in_plane)
         if shape_fit.plane is None or shape_fit.arc_deg is None:
             return replace(rated, shape=shape)
         # A turn does not cover an area of the sphere.
@@ -89,9 +100,17 @@ class Rating:
         return replace(rated, shape=shape, coverage=None, turn=turn)
 
     def _rate_fit(
-        self, name: str, fit: MagnetometerFit, figures: FitFigures, predicted: DirectionError | None
+        self,
+        name: str,
+        fit: MagnetometerFit,
+        figures: FitFigures,
+        predicted: DirectionError | None,
+        raw: Array | None = None,
     ) -> CalibratorFit:
-        """Return a rated calibration, with further figures besides `figures`."""
+        """Return a rated calibration, with further figures besides `figures`.
+
+        Its residual is compared with the spread of the norms of `raw`, if readings are given, in space or in a plane.
+        """
         n_used = figures.n or 0
         if not fit.has_fit:
             verdict, reasons = rate(figures)
@@ -107,8 +126,15 @@ class Rating:
             radius_ut=microtesla * fit.radius if whole and microtesla is not None else None,
             direction_error_deg=None if predicted is None else predicted.rms_deg,
             change_percent=None if self._change is None else self._change.percent,
+            growth_percent=None if self._growth_percent is None else abs(self._growth_percent),
         )
         verdict, reasons = rate(figures)
+        if raw is not None and (figures.shape is not None or not self._is_clear(fit, verdict, predicted)):
+            norms = np.linalg.norm(raw, axis=1)
+            spread_percent = 100.0 * float(norms.std()) / min(float(norms.mean()), _FARTHEST_ZERO * fit.radius)
+            residual_percent = residual_of_corrected_percent(corrected)
+            figures = replace(figures, residual_of_spread=residual_percent / spread_percent if spread_percent else None)
+            verdict, reasons = rate(figures)
         x, y, z = fit.soft_iron * fit.radius
         return CalibratorFit(
             name,
@@ -127,6 +153,14 @@ class Rating:
             direction_bias_deg=None if predicted is None else predicted.bias_deg,
             iterations=fit.iterations,
         )
+
+    @staticmethod
+    def _is_clear(fit: MagnetometerFit, verdict: Acceptance, predicted: DirectionError | None) -> bool:
+        """Return whether a calibration is otherwise good or fair, and corrects clearly more than its stated error."""
+        if verdict not in (Acceptance.GOOD, Acceptance.FAIR) or predicted is None:
+            return False
+        raw = replace(fit, soft_iron=np.eye(3) / fit.radius, hard_iron=np.zeros(3))
+        return direction_difference_rms_deg(raw, fit) > _CLEARLY * predicted.rms_deg
 
 
 def triple(values: Array) -> Triple:

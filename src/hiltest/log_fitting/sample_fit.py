@@ -23,13 +23,15 @@ from hiltest.log_fitting.gravity_fit import against_gravity
 from hiltest.log_fitting.left_out import left_out
 from hiltest.log_fitting.rating import Rating, triple
 from hiltest.log_fitting.samples import Samples
-from hiltest.log_fitting.span import field_change, is_in_order_of_time
+from hiltest.log_fitting.span import field_change, field_growth, is_at_rest, is_in_order_of_time
 
 if TYPE_CHECKING:
     from hiltest.boards.board import Board
 
 #: Selections instead of one calibrator's name: those of the board, and also all with a reference.
 BOARD, ALL = "board", "all"
+# Refusals that apply to any shape.
+_OF_ANY_SHAPE = {"residual_of_spread", "halves_difference"}
 
 
 def fit_on_host(
@@ -164,9 +166,11 @@ class _Log:
             raise ConfigError(f"{samples.path}: a field in uT cannot be compared with counts; set their unit (--unit)")
         self._samples, self._field_ut = samples, field_ut
         self._gone = left_out(samples, robust=robust)
-        self._change = field_change(samples)
         self._robust, self.kept = robust, self._gone.rest
-        self.rating = Rating(self.kept, self._change)
+        self._growth = field_growth(samples)
+        # A growth looks like a step of some hard iron as well.
+        self._change = field_change(samples) if self._growth is None else None
+        self.rating = Rating(self.kept, self._change, self._growth)
 
     @property
     def field(self) -> float | None:
@@ -183,8 +187,10 @@ class _Log:
         return self.rating.shape(shape, field, self._gone.dropped_percent)
 
     def add_shape(self, fits: Sequence[CalibratorFit]) -> Sequence[CalibratorFit]:
-        """Add the fit of the allowed shape if all fits are refused and it is not."""
-        if best_of(fits).verdict is not Acceptance.REFUSED:
+        """Add the fit of the allowed shape if all fits are refused for reasons that a shape avoids, and it is not."""
+        best = best_of(fits)
+        refusals = {reason.figure for reason in best.reasons if reason.verdict is Acceptance.REFUSED}
+        if not refusals or refusals & _OF_ANY_SHAPE:
             return fits
         shape = allowed_shape(self.kept.points)
         # The field's component in the plane of a turn is unknown.
@@ -215,7 +221,9 @@ class _Log:
             n_dropped=int(gone.dropped.sum()),
             dropped=gone.dropped_lines,
             in_order=is_in_order_of_time(self.kept),
+            at_rest=is_at_rest(self.kept),
             change=self._change,
+            growth_percent=self._growth,
             condition=self.rating.condition,
             hole=hole,
             field_ut=self._field_ut,

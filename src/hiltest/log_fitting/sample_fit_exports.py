@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.c_source import c_float, comment_text
+from hiltest.errors import ConfigError
+from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
 from hiltest.json_files import json_text
 from hiltest.log_fitting.fit_result import CalibratorFit, Matrix, SampleFit, Triple
 from hiltest.run_record.files import write_asked_for, write_document
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
 FORMULA = "corrected = soft_iron * (reading - hard_iron)"
+
+_FOLLOWING_FORMULA = "corrected = soft_iron * (reading - hard_iron - sum of vector * (value - reference))"
+# Milligauss, ArduPilot's unit, in a microtesla.
+_MILLIGAUSS = 10.0
+# Kinds of COMPASS_MOTCT by the column's name.
+_MOTOR_KINDS = {1: re.compile("thr|pwm|rc", re.IGNORECASE), 2: re.compile("cur|amp", re.IGNORECASE)}
 
 _AXES = "in the axes of the sensor; soft_iron is symmetric"
 _SYMMETRIC = "That does not exclude a rotation: fit error is not heading error."
@@ -46,7 +58,7 @@ static const float magnetometer_soft_iron[3][3] = {{
 
 /* [{unit}] */
 static const float magnetometer_radius = {radius};
-{accelerometer}
+{following}{accelerometer}
 #endif
 """
 # Replacements of `_AXES` and `_SYMMETRIC` if gravity was used.
@@ -92,6 +104,8 @@ def export_json(fit: SampleFit, path: Path) -> None:
             "direction_error_deg": best.direction_error_deg,
         },
     }
+    if fit.following is not None:
+        content |= {"formula": _FOLLOWING_FORMULA, "following": [asdict(column) for column in fit.following.columns]}
     if best.gravity is not None and fit.gravity is not None:
         content |= {
             "axes": "corrected is in the axes of the accelerometer",
@@ -120,7 +134,8 @@ def export_header(fit: SampleFit, path: Path) -> None:
         version=__version__,
         calibrator=comment_text(best.name),
         verdict=best.verdict,
-        formula=FORMULA,
+        formula=FORMULA if fit.following is None else _FOLLOWING_FORMULA,
+        following=_following_constants(fit),
         unit=fit.unit,
         residual=residual,
         n_in=fit.n_in,
@@ -131,6 +146,56 @@ def export_header(fit: SampleFit, path: Path) -> None:
         radius=c_float(radius),
     )
     write_asked_for(path, text)
+
+
+def export_ardupilot(fit: SampleFit, path: Path) -> None:
+    """Write the best calibration as a file of ArduPilot's parameters for the first compass.
+
+    Raises
+    ------
+    ConfigError
+        When these parameters cannot express it.
+
+    Notes
+    -----
+    ``corrected = M (field + COMPASS_OFS) + COMPASS_MOT value`` in milligauss, with the symmetric matrix M of
+    COMPASS_DIA and COMPASS_ODI (ArduPilot, AP_Compass_Backend::correct_field).
+    """
+    best, unit = fit.best, MICROTESLA[Unit(fit.unit)]
+    hard_iron, soft_iron = (np.array(number) for number in _numbers(best)[:2])
+    if unit is None or best.gravity is not None:
+        reason = "the unit of the log is unknown (--unit)" if unit is None else "it has a rotation, from gravity"
+        raise ConfigError(f"{path}: ArduPilot's parameters cannot express this calibration: {reason}")
+    scale, motor = _MILLIGAUSS * unit, ["COMPASS_MOTCT 0"]
+    for column in () if fit.following is None else fit.following.columns:
+        vector = np.array(column.vector)
+        hard_iron = hard_iron - column.reference * vector
+        kind = next((kind for kind, word in _MOTOR_KINDS.items() if word.search(column.name)), None)
+        if kind is None or len(motor) > 1:
+            raise ConfigError(f"{path}: ArduPilot's parameters have one current or throttle; {column.name} is another")
+        motor = [f"COMPASS_MOTCT {kind}", *_parameters("MOT", -scale * soft_iron @ vector)]
+    lines = [
+        f"# Magnetometer calibration by hiltest {__version__}: {best.name}, verdict {best.verdict}, in the log's axes",
+        *_parameters("OFS", -scale * hard_iron),
+        *_parameters("DIA", np.diag(soft_iron)),
+        *_parameters("ODI", soft_iron[[0, 0, 1], [1, 2, 2]]),
+        *motor,
+    ]
+    write_asked_for(path, "\n".join(lines) + "\n")
+
+
+def _parameters(name: str, values: NDArray[np.float64]) -> list[str]:
+    return [f"COMPASS_{name}_{axis} {value:.6f}" for axis, value in zip("XYZ", values, strict=True)]
+
+
+def _following_constants(fit: SampleFit) -> str:
+    columns = () if fit.following is None else fit.following.columns
+    return "".join(
+        f"\n/* [{fit.unit} per unit] vector, and reference, of the value {comment_text(column.name)} */\n"
+        f"static const float magnetometer_following_{number}[3] = {_row(column.vector)};\n"
+        f"static const float magnetometer_following_{number}_reference = {c_float(column.reference)};\n"
+        for number, column in enumerate(columns, start=1)
+    )
 
 
 def _numbers(best: CalibratorFit) -> tuple[Triple, Matrix, float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direction_error import BLOCKS
 from hiltest.calibration.robust import Mask
 from hiltest.log_fitting.fit_result import CalibratorFit, SampleFit
+from hiltest.log_fitting.fit_sentence import headline
+from hiltest.log_fitting.sample_fit_picture import LEFT_OUT, picture
 from hiltest.log_fitting.sample_fit_table import figure_tables, told_reasons
 from hiltest.log_fitting.samples import Samples
 from hiltest.log_fitting.span import FieldChange, instants
@@ -23,14 +26,12 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.files import write_asked_for
 
 Array = NDArray[np.float64]
+_Rows = TypeVar("_Rows", Array, NDArray[np.intp])
 
 _TONES = {Acceptance.GOOD: "good", Acceptance.FAIR: "warn", Acceptance.POOR: "warn", Acceptance.REFUSED: "bad"}
 # Maximum number of dots: more would overlap, and make the file large.
 _DRAWN = 2000
-_SIZE, _WIDE = 300.0, 920.0
-_LEFT_OUT = "series-3 hollow"
-# Distance in half ranges beyond which readings are drawn about their own middle.
-_FAR = 6.0
+_WIDE = 920.0
 
 
 def fit_page(fit: SampleFit, samples: Samples) -> str:
@@ -41,6 +42,8 @@ def fit_page(fit: SampleFit, samples: Samples) -> str:
         told=[*told_reasons(fit), *fit.notes],
         fit=fit,
         tone=_TONES[fit.best.verdict],
+        headline=headline(fit),
+        first=_draw_first(fit, samples),
         tables=figure_tables(fit),
         pictures=_draw_rows(fit, samples),
         version=__version__,
@@ -52,17 +55,20 @@ def write_page(fit: SampleFit, samples: Samples, path: Path) -> None:
     write_asked_for(path, fit_page(fit, samples))
 
 
+def _draw_first(fit: SampleFit, samples: Samples) -> list[Figure]:
+    dropped = _dropped_mask(fit, samples)
+    drawn = _thin_out(np.flatnonzero(~dropped))
+    later = np.zeros(len(samples.points), dtype=bool) if fit.change is None else instants(samples)[0] >= fit.change.at
+    return picture(fit, samples.points[drawn], later[drawn], _thin_out(samples.points[dropped]))
+
+
 def _draw_rows(fit: SampleFit, samples: Samples) -> list[list[Figure]]:
-    """Return rows of figures: the uncorrected cloud, three views of the corrected one, and residuals."""
+    """Return rows of figures: the residuals in time, and the coverage of the sphere."""
     dropped = _dropped_mask(fit, samples)
     corrected = _corrected_points(fit.best, samples.points)
     if corrected is None:
-        return [[_draw_readings(fit, samples.points, dropped)]]
-    after = [_after(_thin_out(corrected[~dropped]), fit.best.name, axes) for axes in ("xy", "xz", "yz")]
-    rows = [
-        [_draw_readings(fit, samples.points, dropped), *after],
-        [_draw_lengths(corrected, dropped, samples, fit.change)],
-    ]
+        return []
+    rows = [[_draw_lengths(corrected, dropped, samples, fit.change)]]
     # A turn in a plane does not cover an area of the sphere.
     if fit.best.turn is None:
         rows.append([coverage_map(corrected[~dropped], _thin_out(corrected[~dropped]), fit.hole)])
@@ -78,8 +84,8 @@ def _dropped_mask(fit: SampleFit, samples: Samples) -> Mask:
     return dropped
 
 
-def _thin_out(points: Array) -> Array:
-    """Return a subset of the points, few enough to draw."""
+def _thin_out(points: _Rows) -> _Rows:
+    """Return a subset of the rows, few enough to draw."""
     return points[:: max(1, -(-len(points) // _DRAWN))]
 
 
@@ -89,58 +95,6 @@ def _corrected_points(best: CalibratorFit, points: Array) -> Array | None:
         return None
     corrected: Array = (points - best.hard_iron) @ np.array(best.soft_iron).T / best.radius
     return corrected
-
-
-def _draw_readings(fit: SampleFit, points: Array, dropped: Mask) -> Figure:
-    """Draw the readings with the ideal sphere, or about their own middle if zero is far away."""
-    used_points, best = points[~dropped], fit.best
-    corners = [used_points.min(axis=0)[:2], used_points.max(axis=0)[:2]]
-    half = float((corners[1] - corners[0]).max()) / 2.0 or 1.0
-    near = float(np.abs(corners).max()) < _FAR * half
-    radius = best.radius if near and best.radius is not None and best.radius < _FAR * half else None
-    if near:
-        corners += [np.full(2, -(radius or 0.0)), np.full(2, radius or 0.0)]
-    low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-    (x, y), reach = (low + high) / 2.0, 1.1 * (float((high - low).max()) / 2.0 or 1.0)
-    figure = Figure(
-        title="before",
-        description=f"{len(points)} points seen along z, as they were read",
-        x_label=f"x [{fit.unit}]",
-        y_label=f"y [{fit.unit}]",
-        x_range=(x - reach, x + reach),
-        y_range=(y - reach, y + reach),
-        width=_SIZE,
-        equal_axes=True,
-    )
-    if near:
-        figure.level(0, "zero")
-        figure.line([(0, y - reach), (0, y + reach)], "zero")
-    if radius is not None:
-        figure.circle((0, 0), radius, "sphere")
-        figure.key.append(KeyEntry("the sphere it should be", "sphere"))
-    figure.dots(_pairs(*_thin_out(used_points)[:, :2].T), "samples")
-    inside = (np.abs(points[:, :2] - (x, y)) <= reach).all(axis=1) & dropped
-    if inside.any():
-        figure.series("left out", _pairs(*_thin_out(points[inside])[:, :2].T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
-    return figure
-
-
-def _after(points: Array, name: str, axes: str) -> Figure:
-    across, up = ("xyz".index(axis) for axis in axes)
-    reach = 1.15 * max(1.0, float(np.abs(points).max()))
-    figure = Figure(
-        title=f"after {name}",
-        description=f"{len(points)} corrected points in {axes}, with the unit circle",
-        x_label=f"{axes[0]} [radius]",
-        y_label=f"{axes[1]} [radius]",
-        x_range=(-reach, reach),
-        y_range=(-reach, reach),
-        width=_SIZE,
-        equal_axes=True,
-    )
-    figure.dots(_pairs(points[:, across], points[:, up]), "samples")
-    figure.circle((0, 0), 1.0, "unit")
-    return figure
 
 
 def _draw_lengths(corrected: Array, dropped: Mask, samples: Samples, change: FieldChange | None) -> Figure:
@@ -167,11 +121,11 @@ def _draw_lengths(corrected: Array, dropped: Mask, samples: Samples, change: Fie
             figure.line(
                 [(float(at[start]), float(used_lengths.mean())), (float(at[end]), float(used_lengths.mean()))], "end"
             )
-    figure.key.append(KeyEntry(f"mean of a {BLOCKS}th: the blocks of the direction error", "end"))
+    figure.key.append(KeyEntry(f"means of the {BLOCKS} blocks of the direction error", "end"))
     if dropped.any():
         # Clipped to the edge of the figure.
         out = np.clip(_thin_out(both[dropped]), (-np.inf, -reach), (np.inf, reach))
-        figure.series("left out", _pairs(*out.T), mark=Mark.CROSS, mark_style=_LEFT_OUT)
+        figure.series("left out", _pairs(*out.T), mark=Mark.CROSS, mark_style=LEFT_OUT)
     if change is not None:
         figure.upright(change.at, "the field changed", "limit")
     return figure

@@ -15,6 +15,7 @@ from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
 from hiltest.log_fitting.fit_result import AgainstGravity, CalibratorFit, GravityFigures, SampleFit
+from hiltest.log_fitting.fit_sentence import headline
 from hiltest.text import format_number
 
 STYLES = {Acceptance.GOOD: "green", Acceptance.FAIR: "yellow", Acceptance.POOR: "red", Acceptance.REFUSED: "bold red"}
@@ -26,6 +27,9 @@ _NAMES = {
     "radius_ut": "radius",
     "direction_error_deg": "predicted direction error",
     "change_percent": "change of the field",
+    "growth_percent": "growth of the field",
+    "residual_of_spread": "residual over the spread of the raw norms",
+    "halves_difference": "difference of the halves over the predicted one",
     "strong_iron_deg": "direction error under strong iron",
     "rests": "number of rests",
     "turns": "number of turns",
@@ -57,7 +61,7 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     for line in _best(fit):
         console.print(line, soft_wrap=True)
     columns = os.environ.get("COLUMNS", "")
-    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes))):
+    for style, sentences in (("", told_reasons(fit)), ("dim", iter(fit.notes)), ("bold", iter([headline(fit)]))):
         for sentence in sentences:
             text = Text(sentence, style=style)
             folded = text.wrap(console, int(columns)) if columns.isdecimal() else [text]
@@ -70,17 +74,13 @@ def _select_shown(fit: SampleFit) -> SampleFit:
     The latter are all refused for one reason.
     """
     if fit.best.shape:
-        return replace(fit, calibrators=(fit.best, *_as_read(fit)), firmware=None)
+        return replace(fit, calibrators=(fit.best, fit.as_read), firmware=None)
     return replace(fit, calibrators=_fits_of_norms(fit))
 
 
 def _fits_of_norms(fit: SampleFit) -> tuple[CalibratorFit, ...]:
     """Return the calibrators of norms alone, then the readings without calibration."""
-    return (*(calibrator for calibrator in fit.calibrators if calibrator.gravity is None), *_as_read(fit))
-
-
-def _as_read(fit: SampleFit) -> tuple[CalibratorFit, ...]:
-    return () if fit.as_read is None else (fit.as_read,)
+    return (*(calibrator for calibrator in fit.calibrators if calibrator.gravity is None), fit.as_read)
 
 
 def _grid(fit: SampleFit) -> Table:
@@ -88,7 +88,7 @@ def _grid(fit: SampleFit) -> Table:
     grid.add_column("")
     for calibrator in fit.calibrators:
         grid.add_column(escape(calibrator.name), justify="right")
-    grid.add_row("verdict", *(Text(result.verdict, style=STYLES[result.verdict]) for result in fit.calibrators))
+    grid.add_row("verdict", *(Text(result.verdict_text, style=STYLES[result.verdict]) for result in fit.calibrators))
     for label, cells in (*_kind_rows(fit), *_number_rows(fit), *_cycle_rows(fit, "cycles")):
         grid.add_row(escape(label), *map(escape, cells))
     return grid
@@ -106,7 +106,7 @@ def _grid_of_rows(fit: SampleFit) -> Table:
         grid.add_column(escape(label.removeprefix("direction ").replace(" ", "\n")), justify="right", no_wrap=True)
     for index, result in enumerate(fit.calibrators):
         cells = (kinds[index], *(cells[index] for _, cells in (*figures, *cycles)))
-        grid.add_row(escape(result.name), Text(result.verdict, style=STYLES[result.verdict]), *map(escape, cells))
+        grid.add_row(escape(result.name), Text(result.verdict_text, style=STYLES[result.verdict]), *map(escape, cells))
     return grid
 
 
@@ -119,7 +119,7 @@ def _gravity_grid(fit: SampleFit, log: AgainstGravity) -> Table:
     grid.add_column(f"against gravity, {log.n_pairs} pairs")
     for name in ("norms alone", *(result.name for result in fits)):
         grid.add_column(escape(name), justify="right")
-    grid.add_row("verdict", "", *(Text(result.verdict, style=STYLES[result.verdict]) for result in fits))
+    grid.add_row("verdict", "", *(Text(result.verdict_text, style=STYLES[result.verdict]) for result in fits))
     (label, spreads), *others = _gravity_rows(fits)
     grid.add_row(escape(label), _number(log.norms_held_out_dip_deg, ".2f"), *spreads)
     for label, cells in (*others, ("residual [%]", [_number(result.residual_percent, ".2f") for result in fits])):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.calibration.change import find_change
+from hiltest.calibration.change import find_change, find_growth
 from hiltest.calibration.robust import repeats
 from hiltest.errors import ConfigError
 from hiltest.log_fitting.samples import Samples
@@ -15,6 +15,9 @@ from hiltest.log_fitting.samples import Samples
 # Limit of the median distance of neighbours relative to that of any two readings. Without order the ratio is 1, within
 # 0.2 for 40 readings; a sensor that turns by 45 degrees between readings has 0.55.
 _CLOSER, _FEWEST_ORDERED = 0.75, 40
+# Largest ball of noise, in parts of the reading, and the least spread of distances from its middle: 0.42 if it is
+# normal in space, 0.76 on a line; on a sphere about any middle the distances are more equal.
+_SMALL_PART, _BALL = 0.1, 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +91,19 @@ def field_change(samples: Samples) -> FieldChange | None:
         return None
     at, unit = instants(samples)
     return FieldChange(float(at[row[0]]), unit, row[1])
+
+
+def field_growth(samples: Samples) -> float | None:
+    """Return the growth of the field's strength over the samples, relative to its middle [%]; None without one."""
+    return find_growth(samples.points[~repeats(samples.points)])
+
+
+def is_at_rest(samples: Samples) -> bool:
+    """Return whether the readings are a small ball of noise: a sensor that lies still."""
+    off = np.linalg.norm(samples.points - samples.points.mean(axis=0), axis=1)
+    size, spread = float(off.mean()), float(off.std())
+    is_small = size < _SMALL_PART * float(np.linalg.norm(samples.points, axis=1).mean())
+    return is_small and spread > _BALL * size and not is_in_order_of_time(samples)
 
 
 def steady(samples: Samples) -> tuple[float, float]:
