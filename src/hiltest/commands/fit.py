@@ -13,7 +13,7 @@ from click.core import ParameterSource
 from hiltest.commands.options import ErrorOutput, json_option, setting_option
 
 if TYPE_CHECKING:
-    from hiltest.log_fitting import Samples, Unit
+    from hiltest.log_fitting import FieldUnit, Samples
     from hiltest.log_fitting.fit_result import SampleFit
 
 _EXIT_CODES = """
@@ -37,7 +37,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--columns",
     metavar="A,B,C",
-    help="Read x, y, z from these columns: names of the header or numbers from 1; a minus negates one.  "
+    help="Read x, y, z, or x, y of two axes, from these columns: names or numbers from 1; a minus negates one.  "
     "[default: the magnetometer's]",
 )
 @click.option(
@@ -47,7 +47,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option(
     "--unit",
-    type=click.Choice(["uT", "gauss", "counts"]),
+    type=click.Choice(["uT", "nT", "mT", "T", "gauss", "mG", "counts"]),
     help="Set the unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]",
 )
 @click.option(
@@ -138,14 +138,14 @@ def fit(
 
     Other logs: hiltest fit imu for accelerometer and gyroscope, hiltest fit noise for a gyroscope at rest.
     """
-    from hiltest.log_fitting import Unit
+    from hiltest.log_fitting import FieldUnit
     from hiltest.log_fitting.signed_columns import read_signed_samples
 
     if log.is_dir():
-        return _fit_folder(log, columns, Unit(unit) if unit else None, robust=robust != "none", at_least=at_least)
+        return _fit_folder(log, columns, FieldUnit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
     read = read_signed_samples(
-        path, columns=columns, unit=Unit(unit) if unit else None, accelerometer_columns=accelerometer_columns
+        path, columns=columns, unit=FieldUnit(unit) if unit else None, accelerometer_columns=accelerometer_columns
     )
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
@@ -169,7 +169,7 @@ def _is_worse(fitted: SampleFit, at_least: str) -> bool:
     return order.index(fitted.best.verdict) > order.index(Acceptance(at_least))
 
 
-def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust: bool, at_least: str) -> int:
+def _fit_folder(folder: Path, columns: str | None, unit: FieldUnit | None, *, robust: bool, at_least: str) -> int:
     context = click.get_current_context()
     for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:

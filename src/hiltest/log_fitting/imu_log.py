@@ -20,10 +20,10 @@ from hiltest.interfaces.sensor_files.columns import (
     axis_triples,
     column_index,
     named_columns,
-    seconds_of,
     unit_in_headers,
 )
 from hiltest.interfaces.sensor_files.table import open_table
+from hiltest.interfaces.sensor_files.times import TimeColumn, time_column, time_columns, time_in
 from hiltest.log_fitting.asked_units import asked_of_gravity
 from hiltest.measurement.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
@@ -34,8 +34,6 @@ MAX_ROWS = 2_000_000
 # Longest period: a slower log does not show a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
 _FASTEST_HZ = 1e5
-# Largest time of a clock: 3000 years in nanoseconds.
-_LATEST = 1e20
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +153,11 @@ class _Table:
         self.headers, self.width, self.names = self._table.headers, self._table.width, self._table.names
         self._label = None if labels is None else column_index(labels, self.headers, self.width, option="--intervals")
         self.labels: tuple[str, ...] | None = None
+        self._notes: list[str] = []
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return self._table.notes
+        return (*self._table.notes, *self._notes)
 
     def axes(
         self, named: str | None, pattern: re.Pattern[str], option: str, sensor: str, *, alone: bool = True
@@ -185,12 +184,13 @@ class _Table:
 
     def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
         """Return the times [s] and the readings, one row per sample."""
-        place, scale_s = (None, 1.0) if rate_hz is not None else self._time(time)
+        clock = None if rate_hz is not None else self._time(time)
+        place = None if clock is None else clock.place
         columns = places if place is None else [place, *places]
         names = self.names(columns)
         values, labels = array("d"), []
         sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
-        one_a_row = False
+        one_a_row, written_twice = False, 0
         for row in self._table.rows():
             filled = filled_of(row.cells, sensors)
             one_a_row = one_a_row or (not len(values) and place is not None and filled.count(True) < len(sensors) > 1)
@@ -202,6 +202,9 @@ class _Table:
             numbers = self._numbers(row, columns, names, place, absent)
             if place is not None and len(values):
                 before = values[-len(columns)]
+                if numbers == values[-len(columns) :].tolist():
+                    written_twice += 1
+                    continue
                 if numbers[0] < before or (numbers[0] == before and not one_a_row):
                     raise ConfigError(
                         f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not after {before:g}; "
@@ -221,7 +224,10 @@ class _Table:
             return np.arange(len(read)) / rate_hz, read
         if one_a_row:
             read = self._join(read)
-        time_s = scale_s * read[:, 0]
+        if written_twice:
+            self._notes.append(f"{written_twice} rows that repeat the one before, with its time, were skipped.")
+        unit_s = 1.0 if clock is None else clock.unit_s
+        time_s = unit_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
         if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
             raise ConfigError(
@@ -236,8 +242,10 @@ class _Table:
         """Return a row's time and readings; only cells of absent sensors may be empty."""
         numbers = []
         for at, name in zip(columns, names, strict=True):
-            quantity, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
-            value = number_in(self.path, row, at, name, quantity=quantity, largest=largest)
+            if at == time:
+                numbers.append(time_in(self.path, row, at, name))
+                continue
+            value = number_in(self.path, row, at, name, quantity="reading of an IMU", largest=LARGEST_READING)
             if not math.isfinite(value) and at not in absent:
                 raise ConfigError(
                     f"{self.path}:{row.line}: column {name}: a number is missing, and a turn cannot be integrated "
@@ -258,18 +266,21 @@ class _Table:
             self.labels = tuple(label for label, is_used in zip(self.labels, rows.tolist(), strict=True) if is_used)
         return np.column_stack([time, joined])
 
-    def _time(self, named: str | None) -> tuple[int, float]:
+    def _time(self, named: str | None) -> TimeColumn:
+        rows = self._table.first_rows
         if named is not None:
-            place = column_index(named, self.headers, self.width, option="--time")
-            return place, (seconds_of(self.headers[place]) or 1.0 if self.headers else 1.0)
-        if not self.headers and len(self._table.places) == 4:
-            return 0, 1.0
-        candidates = [
-            (place, scale) for place, name in enumerate(self.headers) if (scale := seconds_of(name)) is not None
-        ]
-        if len(candidates) != 1:
-            raise ConfigError(f"{self.path}: {len(candidates) or 'no'} columns of time; give --rate in Hz, or --time")
-        return candidates[0]
+            column = time_column(self.headers, rows, column_index(named, self.headers, self.width, option="--time"))
+        elif not self.headers and len(self._table.places) == 4:
+            column = time_column((), rows, 0)
+        else:
+            columns = time_columns(self.headers, rows)
+            if len(columns) != 1:
+                count = len(columns) or "no"
+                raise ConfigError(f"{self.path}: {count} columns of time; give --rate in Hz, or --time")
+            column = columns[0]
+        if column.note:
+            self._notes.append(column.note)
+        return column
 
 
 def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:

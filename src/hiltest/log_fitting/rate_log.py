@@ -20,9 +20,9 @@ from hiltest.interfaces.sensor_files.columns import (
     axis_triples,
     column_index,
     name_and_unit,
-    seconds_of,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
+from hiltest.interfaces.sensor_files.times import TimeColumn, time_column, time_columns, time_in
 from hiltest.log_fitting.time_stamps import even_stamps, gaps
 from hiltest.measurement.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
@@ -32,8 +32,6 @@ Reals = NDArray[np.float64]
 MAX_ROWS = 20_000_000
 _AXES = 3
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
-# Largest time of a clock: 3000 years in nanoseconds.
-_LATEST = 1e20
 # Range of sampling rates: outside, the time must be in another unit.
 _RATES_HZ = (1e-3, 1e6)
 
@@ -71,8 +69,7 @@ class RateLog:
 class _Layout:
     places: tuple[int, ...]
     names: tuple[str, ...]
-    time: int | None
-    seconds: float
+    time: TimeColumn | None
 
 
 def read_rate_log(
@@ -113,12 +110,13 @@ def read_rate_log(
     table = open_table(path, fewest=1)
     headers = table.headers
     try:
-        layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
+        layout = _layout(table, columns, None if rate_hz else time, want_time=rate_hz is None)
         file_unit = unit or _header_unit(layout.names if headers else (), otherwise)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     times, values = _numbers(table, layout)
-    time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
+    unit_s = 1.0 if layout.time is None else layout.time.unit_s
+    time_s = np.arange(len(values)) / rate_hz if rate_hz else unit_s * (times - times[0])
     part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
     if part.stop - part.start < 2:
         raise CalibrationError(f"{path}: {part.stop - part.start} samples: too few for a noise log")
@@ -136,7 +134,7 @@ def read_rate_log(
         breaks,
         float(time_s[part.start]),
         jitter_s,
-        table.notes,
+        (*table.notes, *([layout.time.note] if layout.time is not None and layout.time.note else [])),
     )
 
 
@@ -197,7 +195,8 @@ def check_rest(log: RateLog) -> None:
     )
 
 
-def _layout(headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
+def _layout(table: Table, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
+    headers, width = table.headers, table.width
     if columns is not None:
         requested = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
         places = tuple(column_index(name, headers, width, option="--columns") for name in requested)
@@ -206,10 +205,10 @@ def _layout(headers: Sequence[str], width: int, columns: str | None, time: str |
     else:
         places = _guessed_columns(headers)
     names = tuple(headers[place] if headers else str(place + 1) for place in places)
-    at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
-    if at in places:
-        raise ConfigError(f"column {headers[at] if headers and at is not None else at} is given as time and as a rate")
-    return _Layout(places, names, at, seconds)
+    clock = _time_column(table, time) if want_time else None
+    if clock is not None and clock.place in places:
+        raise ConfigError(f"column {table.names([clock.place])[0]} is given as time and as a rate")
+    return _Layout(places, names, clock)
 
 
 def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
@@ -220,11 +219,11 @@ def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
     return triples[0]
 
 
-def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[int, float]:
+def _time_column(table: Table, time: str | None) -> TimeColumn:
     if time is not None:
-        at = column_index(time, headers, width, option="--time")
-        return at, (seconds_of(headers[at]) if headers else None) or 1.0
-    times = [(at, seconds) for at, header in enumerate(headers) if (seconds := seconds_of(header)) is not None]
+        place = column_index(time, table.headers, table.width, option="--time")
+        return time_column(table.headers, table.first_rows, place)
+    times = time_columns(table.headers, table.first_rows)
     if len(times) != 1:
         raise ConfigError(
             "not exactly one column is called time; name it with --time, or set the sample rate with --rate HZ"
@@ -252,7 +251,7 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
         for cell, name in zip(cells, layout.names, strict=True):
             values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
         if layout.time is not None:
-            time = _value(path, row.line, row.cells[layout.time], "time", "time", largest=_LATEST)
+            time = time_in(path, row, layout.time.place, table.names([layout.time.place])[0])
             if time < last_s:
                 raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is before the one above it, {last_s:.9g}")
             times.append(time)
@@ -265,11 +264,11 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
     return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
 
 
-def _value(path: Path, line: int, cell: str, name: str, quantity: str, *, largest: float = _LARGEST) -> float:
+def _value(path: Path, line: int, cell: str, name: str, quantity: str) -> float:
     if not is_number(cell) or not math.isfinite(float(cell)):
         comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
         raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
-    if abs(float(cell)) > largest:
+    if abs(float(cell)) > _LARGEST:
         raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {quantity}")
     return float(cell)
 

@@ -1,0 +1,155 @@
+"""Columns of time: their names, clocks in their cells, and their unit, which their steps show if no name has it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from datetime import date
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hiltest.errors import ConfigError
+from hiltest.interfaces.sensor_files.cells import Reals, TableRow, is_number, number_in
+
+#: Largest time: 3000 years in nanoseconds.
+LATEST = 1e20
+_UNITS_S = {
+    **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "micros", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), 1e-9),
+}
+# Words of a name beside the word for time itself.
+_BESIDE = frozenset(
+    re.split(
+        " ",
+        "rtc gps utc unix system sys host log logging sensor imu mag sample local boot since reboot start epoch of in "
+        "cal txt header device android arduino mcu relative",
+    )
+)
+_TIMES = frozenset(("time", "timestamp", "stamp", "t", "ts", "datetime", "clock", "elapsed", "zeit"))
+_WORD = re.compile(r"[A-Zµμ]?[a-zµμ]+|[A-Z]+(?![a-z])|\d+")
+_NAMES_S = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+_DAY_S = 86_400.0
+_EPOCH = date(1970, 1, 1)
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_CLOCK = re.compile(
+    r"(?:(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d)[T ]|(?P<of>\d\d)-(?P<name>[A-Za-z]{3})-(?P<in>\d{4}) |"
+    r"(?:\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d\d/\d\d)[ ,]\s*)?"
+    r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d{1,9})?)\s?(?:Z|[+-]\d\d:?\d\d)?$"
+)
+# Longest and shortest usual step: a logger writes once or twice a second to 1600 times, mostly about 50 times.
+_USUAL_STEP_S = 0.02
+_LONGEST_STEP_S = 2.5
+
+
+class TimeColumn(NamedTuple):
+    """A column of time."""
+
+    place: int
+    unit_s: float
+    """Unit of its numbers [s]."""
+    note: str = ""
+    """Sentence about the unit if it was inferred from the steps."""
+    is_clock: bool = False
+    """True for hours, minutes and seconds."""
+
+
+def seconds_of(header: str) -> float | None:
+    """Return the unit of a time column in seconds, NaN if its name has none; None if its name is not that of a time.
+
+    Examples
+    --------
+    >>> seconds_of("time_s"), seconds_of("Timestamp [ms]"), seconds_of("t"), seconds_of("temperature")
+    (1.0, 0.001, nan, None)
+    """
+    words = [word.lower() for word in _WORD.findall(header.strip())]
+    if "timestamp" in words or all(word in _UNITS_S or word in _TIMES or word in _BESIDE for word in words):
+        unit_s = next((_UNITS_S[word] for word in reversed(words) if word in _UNITS_S), math.nan)
+        if _TIMES & set(words) or (len(words) == 1 and not math.isnan(unit_s) and len(words[0]) > 1):
+            return unit_s
+    return None
+
+
+def clock_s(cell: str) -> float:
+    """Return the time of a cell like 2024-03-05T10:00:00.02Z or 10:00:00.02 [s]; NaN for another text."""
+    matched = _CLOCK.match(cell)
+    if matched is None:
+        return math.nan
+    seconds_s = 3600.0 * int(matched["h"]) + 60.0 * int(matched["m"]) + float(matched["s"].replace(",", "."))
+    try:
+        if matched["year"]:
+            day = date(int(matched["year"]), int(matched["month"]), int(matched["day"]))
+        elif matched["name"]:
+            day = date(int(matched["in"]), _MONTHS.index(matched["name"].lower()) + 1, int(matched["of"]))
+        else:
+            return seconds_s
+    except ValueError:
+        return math.nan
+    return _DAY_S * (day - _EPOCH).days + seconds_s
+
+
+def time_or_nan(cell: str) -> float:
+    """Return the number of a cell, or the seconds of its clock; NaN for another text."""
+    value = float(cell) if is_number(cell) else clock_s(cell)
+    return value if abs(value) <= LATEST else math.nan
+
+
+def time_in(path: Path, row: TableRow, place: int, name: str) -> float:
+    """Return the number of a cell, or the seconds of its clock.
+
+    Raises
+    ------
+    ConfigError
+        When it is something else; the message has file, line and column.
+    """
+    value = clock_s(row.cells[place])
+    if math.isnan(value):
+        value = number_in(path, row, place, name, quantity="time", largest=LATEST)
+    if not math.isfinite(value):
+        raise ConfigError(f"{path}:{row.line}: column {name}: no number: every row needs its time")
+    return value
+
+
+def time_columns(headers: Sequence[str], rows: Sequence[Sequence[str]], but: Sequence[int] = ()) -> list[TimeColumn]:
+    """Return the columns that a header calls times: only those with a unit, if there are any.
+
+    Parameters
+    ----------
+    rows
+        First rows of cells.
+    but
+        Columns that have another meaning.
+    """
+    units = {place: unit for place, name in enumerate(headers) if (unit := seconds_of(name)) and place not in but}
+    places = [place for place, unit in units.items() if not math.isnan(unit)] or list(units)
+    return [time_column(headers, rows, place) for place in places]
+
+
+def time_column(headers: Sequence[str], rows: Sequence[Sequence[str]], place: int) -> TimeColumn:
+    """Return a column of time with its unit, from its name or from the steps of the first rows."""
+    cells = [row[place] for row in rows if row[place]]
+    if cells and not any(map(is_number, cells)):
+        return TimeColumn(place, 1.0, is_clock=True)
+    unit_s = seconds_of(headers[place]) if headers else None
+    if unit_s is not None and not math.isnan(unit_s):
+        return TimeColumn(place, unit_s)
+    times = np.array([time_or_nan(cell) for cell in cells])
+    steps = np.diff(times)
+    steps = steps[np.isfinite(steps) & (steps > 0.0)]
+    if not len(steps):
+        return TimeColumn(place, 1.0)
+    step = float(np.median(steps))
+    if step <= _LONGEST_STEP_S and bool((times % 1.0 != 0.0).any()):
+        return TimeColumn(place, 1.0)
+    unit, unit_s = min(_NAMES_S.items(), key=lambda item: abs(math.log(step * item[1] / _USUAL_STEP_S)))
+    name = headers[place] if headers else str(place + 1)
+    return TimeColumn(place, unit_s, f"Times in column {name} were taken as {unit}: their usual step is {step:.6g}.")
+
+
+def unwrap_midnights(times_s: Reals) -> Reals:
+    """Return times of a clock without a date, with a day added behind each midnight."""
+    return times_s + _DAY_S * np.cumsum(np.diff(times_s, prepend=times_s[:1]) < -0.5 * _DAY_S)
