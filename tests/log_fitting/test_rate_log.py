@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hiltest.calibration.allan import allan_curve
 from hiltest.calibration.rest import first_motion
 from hiltest.commands.options import RATE_UNITS
 from hiltest.errors import CalibrationError, ConfigError
@@ -100,9 +101,25 @@ def test_stamps_in_bursts_are_a_rate_with_jitter_and_a_lost_burst_is_a_gap(tmp_p
     assert whole.rate_hz == pytest.approx(100.0, rel=1e-5)
     assert 0.009 < whole.jitter_s < 0.013  # the burst's 20 ms, half to each side, and its delay
     lost = read_rate_log(written(tmp_path, "time_s,gyro_z_dps", *stamps[:3000], *stamps[3003:]), columns="gyro_z_dps")
-    assert (lost.gaps, len(lost.rates), lost.rates[0, 0]) == (1, 3000, 0.0)
+    # The lost burst is a pause of 30 ms in a minute, and is passed over.
+    assert (lost.gaps, len(lost.rates), lost.rates[0, 0]) == (1, 5997, 0.0)
+    assert lost.instant_s(5996) - lost.instant_s(0) == pytest.approx(59.99, abs=0.001)
+    assert lost.rate_hz == pytest.approx(100.0, rel=1e-4)
     same = [f"{0.03 * (index // 3):.2f},{index}" for index in number]
     assert read_rate_log(written(tmp_path, "time_s,gyro_z_dps", *same), columns="2").rate_hz == pytest.approx(100.0)
+
+
+def test_short_pauses_are_passed_over_and_the_noise_stays(tmp_path: Path) -> None:
+    """A pause of 3 ms after every 40 samples at 1 kHz, as a card that is written makes it."""
+    number = np.arange(8000)
+    noise = np.random.default_rng(5).normal(0.0, 0.1, 8000)
+    stamps = [f"{index + 3 * (index // 40)},{rate:.5f}" for index, rate in zip(number, noise, strict=True)]
+    log = read_rate_log(written(tmp_path, "time_ms,gyro_z_dps", *stamps), columns="gyro_z_dps")
+    assert (log.gaps, len(log.rates), log.rate_hz) == (199, 8000, pytest.approx(1000.0))
+    # White noise of 0.1 deg/s at 1 kHz; the estimate of 8000 samples has an uncertainty of about 2 %.
+    walk = allan_curve(log.rates, rate_hz=log.rate_hz).readings[0].angle_random_walk
+    assert walk is not None
+    assert walk.value == pytest.approx(0.1 / math.sqrt(1000.0), rel=0.1)
 
 
 def test_a_part_is_taken_by_its_instants(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -18,6 +19,7 @@ from hiltest.interfaces.sensor_files.parsed_lines import Lines
 from hiltest.log_fitting import FieldUnit, Samples, read_samples, samples
 from hiltest.measurement.units import AccelerationUnit
 
+_CLOUD = np.random.default_rng(3).uniform(-60.0, 60.0, (60, 3)).round(3)
 _NUMBERS = [[1.5, -2.0, 3.0], [4.0, 5.0, -6.25]]
 
 
@@ -177,6 +179,18 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
     np.testing.assert_array_equal(cloud.acceleration, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     with pytest.raises(ConfigError, match=r"cloud\.csv:2: column w: 'x' is not a number"):
         _read(tmp_path, "u,v,w,mx,my,mz\n0,0,x,1.5,-2,3\n", accelerometer_columns="w,v,u")
+
+
+def test_the_accelerometer_s_own_log_is_joined_by_time(tmp_path: Path) -> None:
+    cloud = _read(tmp_path, "t,mx,my,mz\n0.01,1.5,-2,3\n0.5,4,5,-6.25\n")
+    path = tmp_path / "acceleration.csv"
+    path.write_text("time (ms),ax_g,ay_g,az_g\n0,0,0,1\n20,0,1,0\n40,0,1,0\n")
+    joined = samples.join_accelerometer(cloud, path)
+    np.testing.assert_array_equal(joined.acceleration, [[0.0, 0.5, 0.5], [np.nan] * 3])
+    assert joined.acceleration_unit is AccelerationUnit.G
+    assert "1 of 2 readings" in joined.notes[-1]
+    with pytest.raises(ConfigError, match="no column of rising times"):
+        samples.join_accelerometer(_read(tmp_path, "1,2,3\n4,5,6\n"), path)
 
 
 @pytest.mark.parametrize(
@@ -352,6 +366,80 @@ def _tables(draw: st.DrawFn) -> bytes:
     end = draw(st.sampled_from(["\n", "\n", "\r\n"]))
     last = draw(st.sampled_from([end, end, "", f"{end}1{separator}2", f"{end}x{end}"]))
     return (end.join(lines) + last).encode()
+
+
+_FIELDS = {"uT": 1.0, "nT": 1e3, "mT": 1e-3, "T": 1e-6, "gauss": 1e-2, "mG": 10.0}
+_STEPS = {"s": 0.02, "ms": 20.0, "us": 2e4, "ns": 2e7}
+
+
+@st.composite
+def _dialects(draw: st.DrawFn) -> tuple[str, FieldUnit, bool]:
+    """Draw a log of 60 readings in some form, its unit, and whether it has times."""
+    unit, step = draw(st.sampled_from(sorted(_FIELDS))), draw(st.sampled_from(sorted(_STEPS)))
+    points = _CLOUD * _FIELDS[unit]
+    names = draw(
+        st.sampled_from(
+            [
+                ("mx", "my", "mz"),
+                ("imu_mx", "imu_my", "imu_mz"),
+                ("MAG_X", "MAG_Y", "MAG_Z"),
+                ("magADC[0]", "magADC[1]", "magADC[2]"),
+                ("Magnetic field x", "Magnetic field y", "Magnetic field z"),
+            ]
+        )
+    )
+    has_times, label = draw(st.booleans()), draw(st.sampled_from(["Mag", "MAG", "magnetometer", "Compass field"]))
+    times = [f"{_STEPS[step] * row:.6f}".rstrip("0").rstrip(".") for row in range(60)]
+    cells = [[f"{value:.7g}" for value in point] for point in points]
+    prefix = draw(
+        st.sampled_from(["", "", "I ({}) compass: ", "[00:00:01.{:03}] ", "\x1b[0;32m", "12:00:00.{:03} -> "])
+    )
+    style = draw(st.sampled_from(["table", "units row", "pairs", "list", "axes", "json", "document"]))
+    if style in ("table", "units row"):
+        separator = draw(st.sampled_from([",", ";", "\t"]))
+        heads = [*(["time"] if has_times else []), *names]
+        units = [*([step] if has_times else []), *[unit] * 3]
+        if style == "table":
+            lines = [separator.join(f"{head} ({word})" for head, word in zip(heads, units, strict=True))]
+        else:
+            lines = [separator.join(heads), separator.join(units)]
+        rows = [separator.join([*([time] if has_times else []), *row]) for time, row in zip(times, cells, strict=True)]
+        return "\n".join([*lines, *rows]) + "\n", FieldUnit(unit), has_times
+    if style in ("json", "document"):
+        objects = [
+            {
+                **({f"time_{step}": float(time)} if has_times else {}),
+                f"mag_{unit}": dict(zip("xyz", point, strict=True)),
+            }
+            for time, point in zip(times, points.tolist(), strict=True)
+        ]
+        text = json.dumps(objects, indent=draw(st.sampled_from([None, 1]))) if style == "document" else ""
+        return text or "\n".join(map(json.dumps, objects)) + "\n", FieldUnit(unit), has_times
+    mark = draw(st.sampled_from(["=", ": ", " = ", ":"]))
+    lines = []
+    for row, (time, (x, y, z)) in enumerate(zip(times, cells, strict=True)):
+        start = f"t_{step}{mark}{time}, " if has_times else ""
+        if style == "pairs":
+            body = ", ".join(f"{name}{mark}{cell} {unit}" for name, cell in zip(names, (x, y, z), strict=True))
+        elif style == "list":
+            body = f"{label} ({unit}){mark}[{x}, {y}, {z}]"
+        else:
+            body = f"{label} x{mark}{x} y{mark}{y} z{mark}{z} {unit}"
+        lines.append(prefix.format(20 * row) + start + body + ("\x1b[0m" if "\x1b" in prefix else ""))
+    return "\n".join(["boot", *lines]) + "\n", FieldUnit(unit), has_times
+
+
+@given(_dialects())
+def test_a_cloud_in_any_form_and_unit_comes_back(
+    tmp_path_factory: pytest.TempPathFactory, log: tuple[str, FieldUnit, bool]
+) -> None:
+    text, unit, has_times = log
+    cloud = _read(tmp_path_factory.getbasetemp(), text)
+    assert (cloud.unit, cloud.unit_from) == (unit, "header")
+    np.testing.assert_allclose(cloud.points, _CLOUD * _FIELDS[unit], rtol=1e-6)
+    if has_times:
+        assert cloud.time_s is not None
+        np.testing.assert_allclose(np.diff(cloud.time_s), 0.02, rtol=1e-6)
 
 
 def _what_is_read(path: Path) -> list[object] | str:

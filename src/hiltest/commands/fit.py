@@ -45,6 +45,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     metavar="A,B,C",
     help="Read the accelerometer from these columns, for gravity.  [default: acc..., a...]",
 )
+@click.option("--accelerometer-log", metavar="FILE", type=_FILE, help="Read the accelerometer from this log, by time.")
 @click.option(
     "--unit",
     type=click.Choice(["uT", "nT", "mT", "T", "gauss", "mG", "counts"]),
@@ -112,6 +113,7 @@ def fit(
     log: Path,
     columns: str | None,
     accelerometer_columns: str | None,
+    accelerometer_log: Path | None,
     unit: str | None,
     calibrator: str,
     shape: str,
@@ -144,9 +146,14 @@ def fit(
     if log.is_dir():
         return _fit_folder(log, columns, FieldUnit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
+    own_columns = accelerometer_columns if accelerometer_log is None else None
     read = read_signed_samples(
-        path, columns=columns, unit=FieldUnit(unit) if unit else None, accelerometer_columns=accelerometer_columns
+        path, columns=columns, unit=FieldUnit(unit) if unit else None, accelerometer_columns=own_columns
     )
+    if accelerometer_log is not None:
+        from hiltest.log_fitting.samples import join_accelerometer
+
+        read = join_accelerometer(read, accelerometer_log, accelerometer_columns)
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
     fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)

@@ -89,7 +89,7 @@ def read_imu_log(
     path
         Log of both sensors, or of the accelerometer alone.
     gyroscope_path
-        Log of the gyroscope, with the same rows.
+        Log of the gyroscope. If its samples have other times, the acceleration is interpolated at them.
     columns
         Columns, by default from the headers; a table of three or four columns without a header is x, y, z, after an
         optional time.
@@ -126,11 +126,28 @@ def read_imu_log(
     other_unit = rate_unit or unit_in_headers(other_names if second.headers else (), RATE_WORDS, "--gyroscope-unit")
     time_s, readings = first.read(columns.time, rate_hz, [*places, *(others or () if second is first else ())])
     rate = readings[:, len(places) :] if readings.shape[1] > len(places) else None
+    joined_notes: list[str] = []
     if second is not first and others is not None:
         other_time_s, rate = second.read(columns.time, rate_hz, list(others))
-        _check_pairs(path, second.path, time_s, other_time_s)
+        if not _are_pairs(time_s, other_time_s):
+            if rate_hz is not None:
+                raise ConfigError(
+                    f"{path} has {len(time_s)} rows and {second.path} {len(other_time_s)}; leave out --rate to join "
+                    "them by their times"
+                )
+            readings = interpolate_readings(time_s, readings, other_time_s)
+            inside = np.isfinite(readings[:, 0])
+            if inside.sum() < 2:
+                raise ConfigError(f"{path} and {second.path} have no time in common")
+            joined_notes = [
+                f"The logs were joined by time at {inside.sum()} of {len(inside)} samples of the gyroscope."
+            ]
+            if first.labels is not None:
+                nearest = np.clip(np.searchsorted(time_s, other_time_s[inside]), 0, len(time_s) - 1)
+                first.labels = tuple(first.labels[place] for place in nearest.tolist())
+            time_s, readings, rate = other_time_s[inside], readings[inside], rate[inside]
     acceleration, unit = readings[: len(readings) if places else 0, :3], unit or AccelerationUnit.COUNTS
-    notes = [*first.notes, *(second.notes if second is not first else ())]
+    notes = [*first.notes, *(second.notes if second is not first else ()), *joined_notes]
     if acceleration_unit is None and places:
         notes += asked_of_gravity(acceleration, unit, "use --accelerometer-unit {}")
     return ImuLog(
@@ -283,18 +300,16 @@ class _Table:
         return column
 
 
-def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:
+def _are_pairs(time_s: Reals, other_time_s: Reals) -> bool:
+    """Return whether two logs have their samples at the same times, within a step."""
     if len(time_s) != len(other_time_s):
-        raise ConfigError(
-            f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; both need one row per sample"
-        )
-    apart_s = np.abs(time_s - other_time_s)
-    worst = int(apart_s.argmax())
-    if apart_s[worst] > float(np.median(np.diff(time_s))):
-        raise ConfigError(
-            f"{path} and {other}: sample {worst + 1} was taken at {time_s[worst]:g} s and "
-            f"{other_time_s[worst]:g} s; both need one row per sample"
-        )
+        return False
+    return bool((np.abs(time_s - other_time_s) <= np.median(np.diff(time_s))).all())
+
+
+def interpolate_readings(time_s: Reals, readings: Reals, at_s: Reals) -> Reals:
+    """Return readings, shape (n, axes), linearly interpolated at times; NaN outside their own times."""
+    return np.column_stack([np.interp(at_s, time_s, axis, left=math.nan, right=math.nan) for axis in readings.T])
 
 
 def filled_of(cells: Sequence[str], sensors: Sequence[Sequence[int]]) -> list[bool]:
@@ -325,6 +340,5 @@ def join_at_gyroscope(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_]
         return np.zeros(len(time_s), dtype=np.bool_), np.empty((0, 6))
     rows = of_gyroscope & (time_s >= others_s[0]) & (time_s <= others_s[-1])
     joined = readings[rows]
-    for axis in range(3):
-        joined[:, axis] = np.interp(time_s[rows], others_s, others[:, axis])
+    joined[:, :3] = interpolate_readings(others_s, others, time_s[rows])
     return rows, joined

@@ -1,4 +1,4 @@
-"""A log of angular rates from a file: columns, unit, sampling rate, and the longest part without a gap."""
+"""A log of angular rates from a file: columns, unit, sampling rate, and the longest part without a long gap."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,13 +33,15 @@ Reals = NDArray[np.float64]
 MAX_ROWS = 20_000_000
 _AXES = 3
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
+# Longest pause that is passed over, and all pauses, relative to the log: noise changes less than by its uncertainty.
+_LONGEST_PAUSE, _PAUSES = 0.01, 0.1
 # Range of sampling rates: outside, the time must be in another unit.
 _RATES_HZ = (1e-3, 1e6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RateLog:
-    """The longest part of a log without a gap."""
+    """The longest part of a log without a long gap; short pauses are passed over, as if no time had gone by."""
 
     path: Path
     columns: tuple[str, ...]
@@ -58,6 +61,13 @@ class RateLog:
     """Largest deviation of the part's time stamps from an even rate."""
     notes: tuple[str, ...] = ()
     """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
+    paused_s: Reals | None = None
+    """Shape (n,), or None. Sum of the pauses before each sample of the part; None without pauses."""
+
+    def instant_s(self, place: int) -> float:
+        """Return the time of a sample of the part after the file's first row."""
+        paused_s = 0.0 if self.paused_s is None else float(self.paused_s[min(place, len(self.paused_s) - 1)])
+        return self.start_s + place / self.rate_hz + paused_s
 
     @property
     def is_in_degrees(self) -> bool:
@@ -117,12 +127,12 @@ def read_rate_log(
     times, values = _numbers(table, layout)
     unit_s = 1.0 if layout.time is None else layout.time.unit_s
     time_s = np.arange(len(values)) / rate_hz if rate_hz else unit_s * (times - times[0])
-    part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
+    part, breaks, paused_s = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
     if part.stop - part.start < 2:
         raise CalibrationError(f"{path}: {part.stop - part.start} samples: too few for a noise log")
     if rate_hz is None:
         _check_steps(path, time_s[part])
-    found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
+    found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part] - paused_s)
     rates = values[part] * (DEGREES_PER_SECOND[file_unit] or 1.0)
     return RateLog(
         path,
@@ -135,6 +145,7 @@ def read_rate_log(
         float(time_s[part.start]),
         jitter_s,
         (*table.notes, *([layout.time.note] if layout.time is not None and layout.time.note else [])),
+        paused_s if paused_s.any() else None,
     )
 
 
@@ -186,7 +197,7 @@ def check_rest(log: RateLog) -> None:
     motion = first_motion(log.rates, rate_hz=log.rate_hz)
     if motion is None:
         return
-    at_s, first_s, last_s = (log.start_s + at / log.rate_hz for at in (motion.start, *motion.rest))
+    at_s, first_s, last_s = map(log.instant_s, (motion.start, *motion.rest))
     unit = "deg/s" if log.is_in_degrees else "counts"
     raise CalibrationError(
         f"{log.path}: it moved {at_s:.1f} s after the first row: {log.columns[motion.axis]} changed by "
@@ -282,10 +293,29 @@ def _check_steps(path: Path, time_s: Reals) -> None:
         )
 
 
-def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int]:
-    """Return the rows of the longest part without a gap between two instants, and the number of gaps."""
+def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int, Reals]:
+    """Return the rows of the longest part without a long gap between two instants, the number of gaps, and the pauses.
+
+    The pauses are those before each sample of the part [s]: how much later the stamps behind a gap are than even ones.
+    """
     begin, end = np.searchsorted(time_s, [first_s, last_s]).tolist()
     breaks = begin + gaps(time_s[begin:end]) if not even and end - begin > 2 else np.zeros(0, dtype=np.int64)
-    edges = [begin, *breaks.tolist(), end]
+    edges = np.array([begin, *breaks.tolist(), end])
+    if not len(breaks):
+        return slice(begin, end), 0, np.zeros(end - begin)
+    span_s = time_s[end - 1] - time_s[begin]
+    sizes = np.diff(edges)
+    parts_s = [time_s[first:last] for first, last in pairwise(edges.tolist()) if last - first > 1]
+    periods_s = [1.0 / even_stamps(part_s)[0] for part_s in parts_s]
+    # The variance of a slope goes as 1 / n^3.
+    period_s = float(np.average(periods_s, weights=sizes[sizes > 1].astype(float) ** 3))
+    starts_s = np.add.reduceat((time_s - period_s * np.arange(len(time_s)))[:end], edges[:-1]) / sizes
+    pauses_s = np.diff(starts_s)
+    if pauses_s.sum() <= _PAUSES * span_s:
+        edges = edges[[True, *(pauses_s > _LONGEST_PAUSE * span_s), True]]
     longest = int(np.argmax(np.diff(edges)))
-    return slice(edges[longest], edges[longest + 1]), len(breaks)
+    part = slice(int(edges[longest]), int(edges[longest + 1]))
+    paused_s = np.zeros(end)
+    paused_s[breaks] = pauses_s
+    paused_s[part.start] = 0.0
+    return part, len(breaks), np.cumsum(paused_s[part])

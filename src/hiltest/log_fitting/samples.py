@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from hiltest.interfaces.sensor_files.columns import (
 from hiltest.interfaces.sensor_files.table import Table, open_table
 from hiltest.interfaces.sensor_files.times import LATEST, TimeColumn, time_columns, time_or_nan, unwrap_midnights
 from hiltest.log_fitting.asked_units import asked_of_gravity
+from hiltest.log_fitting.imu_log import LogColumns, interpolate_readings, read_imu_log
 from hiltest.measurement.units import ACCELERATION_WORDS, MICROTESLA, AccelerationUnit, FieldUnit
 
 Reals = NDArray[np.float64]
@@ -132,6 +133,26 @@ def read_samples(
         preamble=table.preamble,
         notes=tuple(notes),
     )
+
+
+def join_accelerometer(samples: Samples, path: Path, columns: str | None = None) -> Samples:
+    """Return samples with the readings of an accelerometer's own log, linearly interpolated at their times.
+
+    Raises
+    ------
+    ConfigError
+        When one of the logs has no times, or they have no time in common; see `read_imu_log`.
+    """
+    log = read_imu_log(path, columns=LogColumns(accelerometer=columns))
+    if samples.time_s is None:
+        raise ConfigError(f"{samples.path}: no column of rising times, by which {path} could be joined")
+    acceleration = interpolate_readings(log.time_s, log.acceleration, samples.time_s)
+    if np.isnan(acceleration).all():
+        raise ConfigError(f"{samples.path} and {path} have no time in common")
+    count = int(np.isfinite(acceleration[:, 0]).sum())
+    note = f"{path} was joined by time: it has the acceleration of {count} of {len(acceleration)} readings."
+    notes = (*samples.notes, *log.notes, note)
+    return replace(samples, acceleration=acceleration, acceleration_unit=log.acceleration_unit, notes=notes)
 
 
 def _layout(table: Table, columns: str | None, accelerometer_columns: str | None) -> _Layout:

@@ -39,6 +39,7 @@ _OTHER_UNITS = frozenset(
 # "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and an optional unit in brackets or after an underscore.
 _BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>(?:[^()\[\]]|\([^()]*\))*)[)\]]$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_ ])[_ ](?P<unit>[^_ ]+)$")
+_INDEXED = re.compile(r"^(?P<name>.+)(?P<index>\.[xyz]|[(\[]\d+[)\]])$", re.IGNORECASE)
 _GLUED = re.compile(r"^(?P<name>.*[XYZ])(?P<unit>[A-Za-z]\w+)$")
 _BETWEEN = r"[\s_.:/-]*"
 # Axes in names: "mag_x", "mx", "magADC[0]"; "x_mag", "xmag"; "Shimmer_Mag_X_CAL".
@@ -289,9 +290,9 @@ def name_and_unit(header: str) -> tuple[str, str]:
     """
     written = header.strip()
     bracketed = _BRACKETED.match(written)
-    if bracketed and bracketed["unit"].isdigit():
-        name, unit = name_and_unit(bracketed["name"])
-        return f"{name}[{bracketed['unit']}]", unit
+    if indexed := _INDEXED.match(written):
+        name, unit = name_and_unit(indexed["name"])
+        return f"{name}{indexed['index'].lower()}", unit
     if bracketed:
         return bracketed["name"].strip().lower(), unit_word(bracketed["unit"])
     suffixed = _SUFFIXED.match(written) or _GLUED.match(written)

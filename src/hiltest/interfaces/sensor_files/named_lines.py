@@ -126,7 +126,7 @@ class NamedLines:
     def values(self, text: str) -> dict[str, str]:
         """Return the numbers of a line by their names, the axes and times among them; empty without any."""
         if "[" in text:
-            text = _INDEX.sub(r".\1", text)
+            text = _INDEX.sub(r"_\1", text)
         if block := _BLOCK.match(text):
             self._close_blocks(len(block[1]))
             if len(self._blocks) < _DEEPEST:
