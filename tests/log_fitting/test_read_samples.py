@@ -220,6 +220,8 @@ def test_the_accelerometer_s_own_log_is_joined_by_time(tmp_path: Path) -> None:
         ),
         ("ax,ay,az,gx,gy,gz\n1,2,3,4,5,6\n", {}, "the columns are ax, ay, az, gx, gy, gz"),
         ("mx_uT,my_uT,mz_gauss\n1,2,3\n", {}, "different units"),
+        ("t,X (m/s^2),Y (m/s^2),Z (m/s^2)\n0,1,2,3\n", {}, "cannot tell which columns are the magnetometer"),
+        ("gravity: [1, 2, 3]\n" * 3, {}, "the columns are gravity.x, gravity.y, gravity.z"),
         ("a,b,c\n1,2,3\n", {"columns": ""}, "0 columns; give three or two"),
         ("a,b,c\n1,2,3\n", {"columns": "a"}, "--columns a: 1 columns; give three or two"),
         ("a,b,c\n1,2,3\n", {"columns": "a,b,a"}, "a column is named twice"),

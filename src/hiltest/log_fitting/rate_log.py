@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from array import array
 from collections.abc import Sequence
@@ -19,8 +18,10 @@ from hiltest.interfaces.sensor_files.cells import is_number, shown
 from hiltest.interfaces.sensor_files.columns import (
     GYROSCOPE_STEM,
     axis_triples,
+    column_hint,
     column_index,
     name_and_unit,
+    some_columns,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
 from hiltest.interfaces.sensor_files.times import TimeColumn, time_column, time_columns, time_in
@@ -208,25 +209,20 @@ def check_rest(log: RateLog) -> None:
 
 def _layout(table: Table, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
     headers, width = table.headers, table.width
-    if columns is not None:
-        requested = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
-        places = tuple(column_index(name, headers, width, option="--columns") for name in requested)
-        if not 1 <= len(places) <= 3 or len(set(places)) != len(places):
-            raise ConfigError(f"--columns {columns}: give one to three different columns")
-    else:
-        places = _guessed_columns(headers)
-    names = tuple(headers[place] if headers else str(place + 1) for place in places)
+    places = _guessed_columns(table) if columns is None else some_columns(columns, headers, width, (1, 2, 3))
+    names = table.names(places)
     clock = _time_column(table, time) if want_time else None
     if clock is not None and clock.place in places:
         raise ConfigError(f"column {table.names([clock.place])[0]} is given as time and as a rate")
     return _Layout(places, names, clock)
 
 
-def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
-    triples = [places for stem, places in axis_triples(headers).items() if GYROSCOPE_STEM.search(stem)]
+def _guessed_columns(table: Table) -> tuple[int, ...]:
+    triples = [places for stem, places in axis_triples(table.headers).items() if GYROSCOPE_STEM.search(stem)]
     if len(triples) != 1:
-        shown = ", ".join(headers) or "without a header"
-        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); name them: --columns 2,3,4")
+        shown = ", ".join(table.headers) or "without a header"
+        hint = column_hint(table.headers, table.places, table.first_rows, triples or None)
+        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); name them with --columns{hint}")
     return triples[0]
 
 

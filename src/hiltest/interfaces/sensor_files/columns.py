@@ -153,7 +153,8 @@ def guessed_columns(
     ConfigError
         When no or more than one triple is possible; the message lists the choices that can be read.
     """
-    triples = axis_triples(headers)
+    vectors = axis_vectors(headers)
+    triples = {stem: places for stem, places in vectors.items() if len(places) == 3}
     magnetic = {stem: triple for stem, triple in triples.items() if _is_magnetic(stem)} or {
         stem: triple
         for stem, triple in triples.items()
@@ -162,13 +163,12 @@ def guessed_columns(
     if len(magnetic) == 1:
         return next(iter(magnetic.values()))
     if len(magnetic) > 1:
-        raise ConfigError(f"more than one magnetometer{_hint(headers, rows, magnetic.values())}")
+        raise ConfigError(f"more than one magnetometer{column_hint(headers, places, rows, magnetic.values())}")
     if "" in triples and _may_be_a_field(headers, triples[""]):
         return triples[""]
-    pairs = {stem: tuple(pair) for stem, pair in incomplete_triples(headers).items() if _is_pair(headers, pair)}
-    planar = [pair for stem, pair in pairs.items() if _is_magnetic(stem)]
     others = [place for place, name in enumerate(headers) if seconds_of(name) is None and place != index]
-    planar = planar or [pair for pair in pairs.values() if not triples and others == list(pair)]
+    pairs = {stem: places for stem, places in vectors.items() if len(places) == 2}
+    planar = [pair for stem, pair in pairs.items() if _is_magnetic(stem) or list(pair) == others]
     if len(planar) == 1:
         return planar[0]
     bare = places if len(places) == 3 else [place for place in places if place != index]
@@ -177,12 +177,7 @@ def guessed_columns(
     if not headers and len(varying := _readings(places, rows)) == 3:
         return varying
     description = f"the columns are {', '.join(headers)}" if headers else f"no header and {len(places)} columns"
-    candidates = [triple for stem, triple in triples.items() if not is_sensor(stem)]
-    if not triples:
-        numbers = [place for place in places if _may_be_readings([row[place] for row in rows])]
-        step = 1 if len(numbers) % 3 else 3
-        candidates = list(zip(numbers[::step], numbers[1::step], numbers[2::step], strict=False))
-    hint = _hint(headers, rows, candidates)
+    hint = column_hint(headers, places, rows)
     raise ConfigError(f"cannot tell which columns are the magnetometer: {description}{hint}")
 
 
@@ -203,13 +198,26 @@ def _may_be_a_field(headers: Sequence[str], places: Sequence[int]) -> bool:
     return not units & (ACCELERATION_WORDS.keys() | RATE_WORDS.keys()) - FIELD_WORDS.keys()
 
 
-def _is_pair(headers: Sequence[str], places: Sequence[int]) -> bool:
-    axes = [parts[1] for place in places if (parts := stem_and_axis(headers[place])) is not None]
-    return axes == ["x", "y"]
+def column_hint(
+    headers: Sequence[str],
+    places: Sequence[int],
+    rows: Sequence[Sequence[str]],
+    triples: Iterable[tuple[int, ...]] | None = None,
+) -> str:
+    """Return a hint with the triples whose columns can be read: numbers that neither stand still nor only rise.
 
-
-def _hint(headers: Sequence[str], rows: Sequence[Sequence[str]], triples: Iterable[tuple[int, ...]]) -> str:
-    """Return a hint with the choices whose columns can be read: numbers that neither stand still nor only rise."""
+    Parameters
+    ----------
+    triples
+        Candidates; by default those of the header that are no known sensor's, without any the columns of numbers.
+    """
+    by_stem = axis_triples(headers)
+    if triples is None and by_stem:
+        triples = [triple for stem, triple in by_stem.items() if not is_sensor(stem)]
+    elif triples is None:
+        numbers = [place for place in places if _may_be_readings([row[place] for row in rows])]
+        step = 1 if len(numbers) % 3 else 3
+        triples = zip(numbers[::step], numbers[1::step], numbers[2::step], strict=False)
     choices: list[str] = []
     for triple in triples:
         columns = [[row[place] for row in rows if place < len(row)] for place in triple]
@@ -243,6 +251,16 @@ def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
         for stem, axes in whole.items()
         if all(len(places) == 1 for places in axes.values())
     }
+
+
+def axis_vectors(headers: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    """Return the columns of `axis_triples`, and those of x and y alone, by the common part of their names."""
+    pairs = {
+        stem: (axes["x"][0], axes["y"][0])
+        for stem, axes in _columns_of_axes(headers).items()
+        if {axis: len(places) for axis, places in axes.items()} == {"x": 1, "y": 1}
+    }
+    return {**axis_triples(headers), **pairs}
 
 
 def incomplete_triples(headers: Sequence[str]) -> dict[str, list[int]]:
@@ -314,7 +332,8 @@ def _ros_unit(header: str) -> str:
 
 def is_unit(word: str, *, other: bool = False) -> bool:
     """Return whether a word is a unit of a sensor's readings; with `other`, or of another column in a row of units."""
-    return unit_word(word) in _UNIT_WORDS or (other and word.strip().lower() in _OTHER_UNITS)
+    bare = word.strip()[1:-1] if word.strip().startswith(("[", "(")) else word.strip()
+    return unit_word(bare) in _UNIT_WORDS or (other and bare.lower() in _OTHER_UNITS)
 
 
 def column_index(name: str, headers: Sequence[str], width: int, *, option: str) -> int:

@@ -176,7 +176,8 @@ def _json_form(
                 )
             yield TableRow(line.number, tuple([row.get(name, "") for name in names]) if row else (), line.arrived_s)
 
-    return Form(tuple(names), len(names), len(skipped), rows, len(skipped), notes)
+    headers = () if all(map(str.isdigit, names)) else tuple(names)  # rows in lists
+    return Form(headers, len(names), len(skipped), rows, len(skipped), notes)
 
 
 def _values(text: str) -> dict[str, str]:
@@ -206,7 +207,7 @@ def _flat(value: object, name: str) -> Iterator[tuple[str, str]]:
 def _joined(values: dict[str, str]) -> dict[str, str]:
     """Return values with ROS's time in one, and with the name of a row's sensor before the names of its values."""
     if stamp := ros_stamp(values):
-        values = {**values, ROS_TIME: stamp}
+        values = {ROS_TIME: stamp, **values}
     tag = next((value for value in values.values() if _TAG.fullmatch(value)), "") or values.get("sensor", "")
     if not tag or is_number(tag):
         return values
@@ -336,7 +337,10 @@ class _Look:
             begin, names = begin - 1, _join_sensors(self.rows[begin - 1], names)
         if units:
             names = tuple(
-                [f"{name} [{unit}]" if unit else name for name, unit in zip_longest(names, units, fillvalue="")]
+                [
+                    f"{name} [{unit.strip('()[]')}]" if unit else name
+                    for name, unit in zip_longest(names, units, fillvalue="")
+                ]
             )
         return begin, place, names
 
@@ -430,11 +434,13 @@ class _Look:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    return any(map(is_unit, cells)) and all(not cell or is_unit(cell, other=True) for cell in cells)
+    units = sum(map(is_unit, cells))
+    return units >= _AXES or (units > 0 and all(not cell or is_unit(cell, other=True) for cell in cells))
 
 
 def _are_axes(cells: Sequence[str]) -> bool:
-    return any(cells) and all(cell.lower() in _PARTS_OF_NAMES for cell in cells)
+    parts = [cell.lower() in _PARTS_OF_NAMES or is_unit(cell, other=True) for cell in cells]
+    return all(parts) and any(cells) and not any(map(is_unit, cells))
 
 
 def _join_sensors(sensors: Sequence[str], axes: Sequence[str]) -> tuple[str, ...]:

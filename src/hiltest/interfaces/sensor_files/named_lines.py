@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 from hiltest.interfaces.sensor_files.cells import TableRow
 from hiltest.interfaces.sensor_files.columns import (
-    axis_triples,
-    incomplete_triples,
+    axis_vectors,
     is_sensor,
     is_unit,
     name_and_unit,
@@ -37,6 +36,7 @@ _TRAILING_UNIT = re.compile(r"\s*[(\[]?([^\s,;|=:()\[\]{}]+)(?![^\s,;|=:()\[\]{}
 # "Mag XYZ: 1, 2, 3", "( x y z ) = ( 1  2  3 )"; one axis behind a name is that of one number.
 _XYZ = re.compile(r"[\s(_]*x[\s,/]*y[\s,/]*z[\s)]*$")
 _AXIS_BEHIND = re.compile(r"(?:^|[\s_.:/-])[xyz]$")
+_WORD = re.compile(r"[^\W\d_]{2,}")
 _PLAIN = re.compile(r"[\w .%/°-]+")
 _BLOCK = re.compile(r"(\s*)(?:- )?([\w/.-]+):\s*$")
 _OPEN, _CLOSED = ("(", "[", "{", "<"), " \t\r\n,;|)]}>-"
@@ -83,21 +83,20 @@ class NamedLines:
         self._shapes: dict[tuple[str, ...], tuple[tuple[int, str, float], ...]] = {}
         self._blocks: list[tuple[int, str]] = []
         self.is_motion_cal = False
-        self._axes: frozenset[str] = frozenset()
         seen: Counter[str] = Counter()
         rows = 0
         for line in first_lines:
             values = self.values(line.text)
             seen.update(values.keys())
-            rows += not values and len(_VALUE.findall(line.text)) > len(re.findall(r"[^\W\d_]{2,}", line.text))
+            rows += not values and len(_VALUE.findall(line.text)) > max(2, len(_WORD.findall(line.text)))
         often = [name for name, count in seen.items() if count >= min(_FEWEST, len(first_lines))]
-        axes = set(_vectors(often))
-        self._axes = frozenset(name for names in axes for name in names)
-        is_log = bool(axes) and sum(count for name, count in seen.items() if name in self._axes) > rows
+        self._axes = frozenset(often[place] for places in axis_vectors(often).values() for place in places)
+        self._times = frozenset(name for name in often if seconds_of(name) is not None)
+        is_log = sum(seen[name] for name in self._axes) > rows
         self.columns = tuple(often) if is_log else ()
         if self.columns and ros_stamp(dict.fromkeys(seen, "0")):
-            self.columns = (*self.columns, ROS_TIME)
-        self._first = next((name for name in seen if name in self._axes or _is_time(name)), "")
+            self.columns = (ROS_TIME, *self.columns)
+        self._first = next((name for name in seen if name in self._axes | self._times), "")
         self.others = 0
 
     def rows(self, lines: Iterable[Line]) -> Iterator[TableRow]:
@@ -107,11 +106,15 @@ class NamedLines:
         self.others, columns = 0, frozenset(self.columns)
         self._blocks.clear()
         for line in lines:
-            values = {name: value for name, value in self.values(line.text).items() if name in columns}
-            ends = line.text.startswith("---") or any(
-                (name in record and ((name in self._axes) or (_is_time(name) and record[name] != value)))
-                or (name == self._first and not _is_time(name) and bool(record.keys() & self._axes))
-                for name, value in values.items()
+            values = self.values(line.text)
+            if not values.keys() <= columns:
+                values = {name: value for name, value in values.items() if name in columns}
+            again = values.keys() & record.keys()
+            ends = (
+                line.text.startswith("---")
+                or not again.isdisjoint(self._axes)
+                or any(record[name] != values[name] for name in again & self._times)
+                or (self._first in values and self._first in self._axes and not self._axes.isdisjoint(record))
             )
             if ends and record:
                 yield self._row(number, record, arrived_s)
@@ -151,7 +154,7 @@ class NamedLines:
             for value in [parts[2 * place + 1]]
         }
         if (instance := values.get("i", "0")) != "0":  # ArduPilot's second compass
-            return {f"{name if _is_time(name) else f'instance {instance}.{name}'}": values[name] for name in values}
+            return {name if seconds_of(name) else f"instance {instance}.{name}": values[name] for name in values}
         return values
 
     def _row(self, number: int, record: dict[str, str], arrived_s: float) -> TableRow:
@@ -179,7 +182,7 @@ class NamedLines:
             unit = unit or next((units[place] for place in reversed(group.places) if place in units), "")
             if not name and group.is_marked and channel:
                 name = channel[1].removesuffix("_xyz")
-            parsed = stem_and_axis(name)
+            parsed = stem_and_axis(name.replace("_xyz", ""))
             if len(group.places) == 3:
                 if not (group.is_marked or is_sensor(name)) or _AXIS_BEHIND.search(name):
                     continue
@@ -203,7 +206,7 @@ class NamedLines:
                 called = [f"{stem}.{axis}" if stem else axis]
             for place, own in zip(group.places, called, strict=False):
                 names[place] = f"{block}{own}" + f" [{unit}]" * bool(unit)
-        return tuple((place, name, 1.0) for place, name in _share_units(names).items())
+        return tuple((place, name, 1.0) for place, name in names.items())
 
 
 def _groups(texts: Sequence[str]) -> tuple[list[_Group], dict[int, str]]:
@@ -218,10 +221,11 @@ def _groups(texts: Sequence[str]) -> tuple[list[_Group], dict[int, str]]:
         if place == len(texts) - 1:
             break
         quoted = _QUOTED.search(text)
-        bare = text.rstrip(" \t")
+        bare = text.rstrip(" \t\"'")
         if bare.endswith("=") and (others := re.split(r"[,;|=]", bare.rstrip("= \t")))[1:]:
             bare = f"{others[-1].split()[-1] if others[-1].split() else ''}="  # "imu,board=a mx=" of InfluxDB
-        name = (quoted[1] if quoted else bare.rstrip(" \t:=>-" + "".join(_OPEN))).lstrip(_CLOSED + "".join(_OPEN))
+        written = quoted[1] if quoted else bare
+        name = written.rstrip(" \t:=>-" + "".join(_OPEN)).lstrip(_CLOSED + "".join(_OPEN))
         is_marked = bool(quoted) or bare.endswith((*_OPEN, ":", "=", ">"))
         if name or bare.endswith(_OPEN) or not groups:
             groups.append(_Group(name, [place], is_marked))
@@ -238,34 +242,8 @@ def _split_unit(text: str) -> tuple[str, str]:
     return matched[1], matched[2]
 
 
-def _share_units(names: dict[int, str]) -> dict[int, str]:
-    """Return names with the unit of one axis given to the others: ``mx = 1 my = 2 mz = 3 mG``."""
-    units = {stem_and_axis(name): name_and_unit(name)[1] for name in names.values()}
-    by_stem = {parsed[0]: unit for parsed, unit in units.items() if parsed is not None and unit}
-    shared = {}
-    for place, name in names.items():
-        parsed = stem_and_axis(name)
-        own = name_and_unit(name)[1] or parsed is None or parsed[0] not in by_stem
-        shared[place] = name if own or parsed is None else f"{name} [{by_stem[parsed[0]]}]"
-    return shared
-
-
-def _vectors(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
-    """Yield the names of each vector: three axes, or x and y of a compass."""
-    for triple in axis_triples(names).values():
-        yield tuple(names[place] for place in triple)
-    for pair in incomplete_triples(names).values():
-        axes = [parsed[1] for place in pair if (parsed := stem_and_axis(names[place]))]
-        if axes == ["x", "y"]:
-            yield tuple(names[place] for place in pair)
-
-
 def _is_whole(number: str) -> bool:
-    return number.lstrip("+-").isdigit()
-
-
-def _is_time(name: str) -> bool:
-    return seconds_of(name) is not None
+    return number.lstrip("+-").isdecimal()
 
 
 def ros_stamp(values: dict[str, str]) -> str:
@@ -274,6 +252,6 @@ def ros_stamp(values: dict[str, str]) -> str:
         stem, _, last = name.rpartition(".")
         for part in ("nanosec", "nsecs"):
             parts = value, values.get(f"{stem}.{part}", "")
-            if last in ("sec", "secs") and all(text.isdigit() for text in parts):
+            if last in ("sec", "secs") and all(text.isdecimal() for text in parts):
                 return f"{int(parts[0]) + 1e-9 * int(parts[1]):.9f}"
     return ""

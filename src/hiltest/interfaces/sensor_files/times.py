@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from datetime import date
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,13 +34,13 @@ _BESIDE = frozenset(
 _TIMES = frozenset(("time", "timestamp", "stamp", "t", "ts", "datetime", "clock", "elapsed", "zeit"))
 _WORD = re.compile(r"[A-Zµμ]?[a-zµμ]+|[A-Z]+(?![a-z])|\d+")
 _NAMES_S = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+_BRACKETED = re.compile(r"[(\[].*$")
 _DAY_S = 86_400.0
-_EPOCH = date(1970, 1, 1)
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_EPOCH = datetime(1970, 1, 1)
+_DATES = ("%Y-%m-%d", "%d-%b-%Y", "%d/%m/%Y", "%Y/%m/%d", "%d.%m.%Y")
 _CLOCK = re.compile(
-    r"(?:(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d)[T ]|(?P<of>\d\d)-(?P<name>[A-Za-z]{3})-(?P<in>\d{4}) |"
-    r"(?:\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d\d/\d\d)[ ,]\s*)?"
-    r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d{1,9})?)\s?(?:Z|[+-]\d\d:?\d\d)?$"
+    r"(?:(?P<date>[\w./-]{8,11})[T ,]\s*)?(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d{1,9})?)\s?"
+    r"(?:Z|[+-]\d\d:?\d\d)?$"
 )
 # Longest and shortest usual step: a logger writes once or twice a second to 1600 times, mostly about 50 times.
 _USUAL_STEP_S = 0.02
@@ -66,7 +67,7 @@ def seconds_of(header: str) -> float | None:
     >>> seconds_of("time_s"), seconds_of("Timestamp [ms]"), seconds_of("t"), seconds_of("temperature")
     (1.0, 0.001, nan, None)
     """
-    words = [word.lower() for word in _WORD.findall(header.strip())]
+    words = [word.lower() for word in _WORD.findall(_BRACKETED.sub(lambda unit: unit[0].lower(), header))]
     if "timestamp" in words or all(word in _UNITS_S or word in _TIMES or word in _BESIDE for word in words):
         unit_s = next((_UNITS_S[word] for word in reversed(words) if word in _UNITS_S), math.nan)
         if _TIMES & set(words) or (len(words) == 1 and not math.isnan(unit_s) and len(words[0]) > 1):
@@ -80,16 +81,10 @@ def clock_s(cell: str) -> float:
     if matched is None:
         return math.nan
     seconds_s = 3600.0 * int(matched["h"]) + 60.0 * int(matched["m"]) + float(matched["s"].replace(",", "."))
-    try:
-        if matched["year"]:
-            day = date(int(matched["year"]), int(matched["month"]), int(matched["day"]))
-        elif matched["name"]:
-            day = date(int(matched["in"]), _MONTHS.index(matched["name"].lower()) + 1, int(matched["of"]))
-        else:
-            return seconds_s
-    except ValueError:
-        return math.nan
-    return _DAY_S * (day - _EPOCH).days + seconds_s
+    for form in _DATES if matched["date"] else ():
+        with suppress(ValueError):
+            return _DAY_S * (datetime.strptime(matched["date"], form) - _EPOCH).days + seconds_s
+    return seconds_s
 
 
 def time_or_nan(cell: str) -> float:

@@ -139,7 +139,7 @@ def _refuse_incomplete(path: Path, sensed: Sensed, headers: Sequence[str]) -> No
 
 
 def _factor(path: Path, sensed: Sensed, settings: PlayedSensor, names: Sequence[str]) -> float:
-    words = {name_and_unit(name)[1] for name in names}
+    words = {name_and_unit(name)[1] for name in names} - {""}
     word = settings.unit or (words.pop() if len(words) == 1 else "")
     factor = factor_of(word, UNITS[sensed.key]) if word else None
     if factor is None:
