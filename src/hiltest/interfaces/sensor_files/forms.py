@@ -93,6 +93,15 @@ def form_of(path: Path, lines: Sequence[Line], others: Iterator[Line], fewest: i
     )
 
 
+def form_of_rows(rows: Sequence[dict[str, str]], count: int) -> Form | None:
+    """Return the form of rows that are read already, with the columns of the first `count`; None without any."""
+
+    def values(_: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
+        return ((Line(number, "\n", "", math.nan), row) for number, row in enumerate(rows, 1))
+
+    return _json_form(rows[:count], values, (), f"first {count} rows", ())
+
+
 def _named_lines(lines: Sequence[Line]) -> Form | None:
     named = NamedLines(lines)
     if not named.columns:
@@ -146,10 +155,7 @@ def _json_document(path: Path, lines: Sequence[Line], others: Iterator[Line]) ->
     except ValueError as error:
         raise ConfigError(f"{path}: JSON, but no table of readings: {error}") from error
 
-    def values(_: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
-        return ((Line(number, "\n", "", math.nan), row) for number, row in enumerate(rows, 1))
-
-    return _json_form(rows[:_FIRST_ROWS], values, (), f"first {_FIRST_ROWS} rows", [text])
+    return form_of_rows(rows, _FIRST_ROWS)
 
 
 def _json_form(

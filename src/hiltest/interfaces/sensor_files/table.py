@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from hiltest.errors import ConfigError
+from hiltest.interfaces.sensor_files.binary_logs import read_binary
 from hiltest.interfaces.sensor_files.cells import Reals, TableRow, TableRows, is_number
 from hiltest.interfaces.sensor_files.columns import add_ros_units
-from hiltest.interfaces.sensor_files.forms import Form, Separated, counts, form_of
+from hiltest.interfaces.sensor_files.forms import Form, Separated, counts, form_of, form_of_rows
 from hiltest.interfaces.sensor_files.parsed_lines import Line, Lines
 
 # Number of lines within which a table must begin. An index column counts in all of them, at least three.
@@ -174,7 +175,7 @@ class Table:
 
 
 def open_table(path: Path, *, fewest: int = 3) -> Table:
-    """Open the table of a file: separated cells, lines that name their numbers, or JSON.
+    """Open the table of a file: separated cells, lines that name their numbers, JSON, or a binary log.
 
     Parameters
     ----------
@@ -189,6 +190,10 @@ def open_table(path: Path, *, fewest: int = 3) -> Table:
         When the file cannot be read or has no table; the message has file and line.
     """
     lines = Lines(path)
+    if (rows := read_binary(path)) is not None:
+        if (form := form_of_rows(rows, len(rows))) is None:
+            raise ConfigError(f"{path}: no message of a magnetometer, an accelerometer or a gyroscope")
+        return Table(path, lines, iter(()), [Line(1, "\n", "", math.nan)], form)
     remaining_lines = iter(lines)
     looked_at = list(islice(remaining_lines, _LOOKED_AT))
     if not looked_at:
