@@ -221,6 +221,7 @@ def test_the_accelerometer_s_own_log_is_joined_by_time(tmp_path: Path) -> None:
         ("ax,ay,az,gx,gy,gz\n1,2,3,4,5,6\n", {}, "the columns are ax, ay, az, gx, gy, gz"),
         ("mx_uT,my_uT,mz_gauss\n1,2,3\n", {}, "different units"),
         ("t,X (m/s^2),Y (m/s^2),Z (m/s^2)\n0,1,2,3\n", {}, "cannot tell which columns are the magnetometer"),
+        ("mx=34,59 my=-10,36 mz=54,82\n" * 3, {}, "cannot tell which columns are the magnetometer"),
         ("gravity: [1, 2, 3]\n" * 3, {}, "the columns are gravity.x, gravity.y, gravity.z"),
         ("a,b,c\n1,2,3\n", {"columns": ""}, "0 columns; give three or two"),
         ("a,b,c\n1,2,3\n", {"columns": "a"}, "--columns a: 1 columns; give three or two"),
@@ -276,6 +277,18 @@ def test_a_hint_is_a_command_that_reads_readings(tmp_path: Path, header: str, co
     for hint in hints:
         points = _read(tmp_path, text, columns=hint).points
         assert any(np.array_equal(points, np.array(rows)[:, first : first + 3]) for first in (2, 6))
+
+
+def test_a_file_with_the_name_of_another_sensor_needs_names(tmp_path: Path) -> None:
+    for header, is_refused in (("time,z,y,x", True), ("time,mz,my,mx", False)):
+        path = tmp_path / "Accelerometer.csv"
+        path.write_text(f"{header}\n0,3,-2,1.5\n1,-6.25,5,4\n")
+        np.testing.assert_array_equal(read_samples(path, columns="4,3,2").points, _NUMBERS)
+        if is_refused:
+            with pytest.raises(ConfigError, match="the file has the name of another sensor"):
+                read_samples(path)
+        else:
+            np.testing.assert_array_equal(read_samples(path).points, _NUMBERS)
 
 
 @pytest.mark.parametrize(("path", "complaint"), [("gone.csv", "No such file"), (".", "Is a directory")])

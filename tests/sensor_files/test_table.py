@@ -245,6 +245,12 @@ def test_a_document_of_json_may_be_one_long_line(tmp_path: Path) -> None:
             ("m.x", "m.y", "m.z"),
             [("1", "2", "3"), ("", "5", "6"), ("7", "8", "9")],
         ),
+        # A line names the sensor of the next.
+        (
+            ["Accelerometer", "X: 1 Y: 2 Z: 3", "Magnetometer (uT):", "X: 4 Y: 5 Z: 6"] * 2,
+            ("accelerometer.x", "magnetometer.x [ut]", "magnetometer.z [ut]"),
+            [("1", "4", "6")] * 2,
+        ),
         # ArduPilot's second compass is none of the first's readings.
         (
             ["MAG {T : 9, I : 0, MagX : 1, MagY : 2, MagZ : 3}", "MAG {T : 9, I : 1, MagX : 4, MagY : 5, MagZ : 6}"]

@@ -15,10 +15,13 @@ from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import LARGEST_READING, TableRow, TableRows, number_in, number_or_nan
 from hiltest.interfaces.sensor_files.columns import (
     ACCELEROMETER_STEM,
+    MAGNETOMETER_STEM,
     axis_triples,
     guessed_columns,
+    is_sensor,
     named_columns,
     some_columns,
+    stem_and_axis,
     unit_in_headers,
     unit_in_text,
     unit_of,
@@ -161,6 +164,9 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
         places = some_columns(columns, headers, width, (3, 2))
     else:
         places = guessed_columns(headers, table.places, table.index, table.first_rows)
+        file, parts = table.path.stem.lower(), filter(None, map(stem_and_axis, table.names(places)))
+        if is_sensor(file) and not MAGNETOMETER_STEM.search(file) and not any(stem for stem, _ in parts):
+            raise ConfigError("the file has the name of another sensor; if it is wrong, name the columns: --columns")
         if table.index is not None and places == table.places[1:]:
             notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")
     accelerometer: tuple[int, ...] = ()

@@ -155,7 +155,7 @@ def guessed_columns(
     """
     vectors = axis_vectors(headers)
     triples = {stem: places for stem, places in vectors.items() if len(places) == 3}
-    magnetic = {stem: triple for stem, triple in triples.items() if _is_magnetic(stem)} or {
+    magnetic = {stem: triple for stem, triple in triples.items() if is_magnetometer(stem)} or {
         stem: triple
         for stem, triple in triples.items()
         if FIELD_WORDS.get(name_and_unit(headers[triple[-1]])[1], FieldUnit.COUNTS) is not FieldUnit.COUNTS
@@ -168,7 +168,7 @@ def guessed_columns(
         return triples[""]
     others = [place for place, name in enumerate(headers) if seconds_of(name) is None and place != index]
     pairs = {stem: places for stem, places in vectors.items() if len(places) == 2}
-    planar = [pair for stem, pair in pairs.items() if _is_magnetic(stem) or list(pair) == others]
+    planar = [pair for stem, pair in pairs.items() if is_magnetometer(stem) or list(pair) == others]
     if len(planar) == 1:
         return planar[0]
     bare = places if len(places) == 3 else [place for place in places if place != index]
@@ -181,9 +181,10 @@ def guessed_columns(
     raise ConfigError(f"cannot tell which columns are the magnetometer: {description}{hint}")
 
 
-def _is_magnetic(stem: str) -> bool:
-    others = ACCELEROMETER_STEM.search(stem) or GYROSCOPE_STEM.search(stem)
-    return MAGNETOMETER_STEM.search(stem) is not None and not others
+def is_magnetometer(name: str) -> bool:
+    """Return whether a name is that of a magnetometer, and not that of another sensor."""
+    others = ACCELEROMETER_STEM.search(name.lower()) or GYROSCOPE_STEM.search(name.lower())
+    return MAGNETOMETER_STEM.search(name.lower()) is not None and not others
 
 
 def is_sensor(name: str) -> bool:

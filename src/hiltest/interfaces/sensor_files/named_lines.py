@@ -44,6 +44,8 @@ _OPEN, _CLOSED = ("(", "[", "{", "<"), " \t\r\n,;|)]}>-"
 ROS_TIME = "time [s]"
 # Fewest lines with the same axes that are a log rather than a remark above a table.
 _FEWEST = 2
+# Most words of a line that names the sensor of the lines below it.
+_LONGEST_HEADING = 3
 # Bounds of memory and time for hostile files.
 _MOST_SHAPES, _DEEPEST = 1000, 16
 # Counts per unit of PJRC's and Adafruit's sketches for MotionCal: "Raw:" and nine whole numbers.
@@ -82,6 +84,7 @@ class NamedLines:
     def __init__(self, first_lines: Sequence[Line]) -> None:
         self._shapes: dict[tuple[str, ...], tuple[tuple[int, str, float], ...]] = {}
         self._blocks: list[tuple[int, str]] = []
+        self._heading = ""
         self.is_motion_cal = False
         seen: Counter[str] = Counter()
         rows = 0
@@ -105,6 +108,7 @@ class NamedLines:
         number, arrived_s = 0, 0.0
         self.others, columns = 0, frozenset(self.columns)
         self._blocks.clear()
+        self._heading = ""
         for line in lines:
             values = self.values(line.text)
             if not values.keys() <= columns:
@@ -134,13 +138,15 @@ class NamedLines:
             self._close_blocks(len(block[1]))
             if len(self._blocks) < _DEEPEST:
                 self._blocks.append((len(block[1]), block[2]))
-            return {}
         parts = _VALUE.split(text)
         if len(parts) == 1:
+            heading = text.strip(" \t\r\n:=*-#")
+            if is_sensor(heading) and len(heading.split()) <= _LONGEST_HEADING:
+                self._heading = heading
             return {}
         if self._blocks:
             self._close_blocks(len(text) - len(text.lstrip()))
-        shape = (*(name for _, name in self._blocks), "\n", *parts[::2])
+        shape = (*(name for _, name in self._blocks), "\n", self._heading, *parts[::2])
         names = self._shapes.get(shape)
         if names is None:
             names = self._named(parts)
@@ -188,8 +194,8 @@ class NamedLines:
                     continue
                 name = _XYZ.sub("", name)
                 called = [f"{name}.{letter}" if name else letter for letter in "xyz"]
-            elif len(group.places) > 1 and parsed is None:
-                continue
+            elif len(group.places) > 1 and (parsed is None or parts[2 * group.places[1]] == ","):
+                continue  # "mx=34,59" has a comma as decimal sign, or two numbers
             elif not name:
                 called = ["time"] if ":" in parts[2 * group.places[0] + 1] and not block else []
             elif parsed is None:
@@ -204,8 +210,12 @@ class NamedLines:
                 stem = stem if not parsed[0] and follows else parsed[0]
                 axis, last = parsed[1], group.places[0]
                 called = [f"{stem}.{axis}" if stem else axis]
+            heading, unit_above = name_and_unit(self._heading)
             for place, own in zip(group.places, called, strict=False):
-                names[place] = f"{block}{own}" + f" [{unit}]" * bool(unit)
+                is_bare = own in ("x", "y", "z") and not block
+                written = f"{heading}.{own}" if is_bare and heading else f"{block}{own}"
+                own_unit = unit or (unit_above if is_bare else "")
+                names[place] = written + f" [{own_unit}]" * bool(own_unit)
         return tuple((place, name, 1.0) for place, name in names.items())
 
 
