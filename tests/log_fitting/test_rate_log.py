@@ -14,7 +14,7 @@ from hiltest.calibration.allan import allan_curve
 from hiltest.calibration.rest import first_motion
 from hiltest.commands.options import RATE_UNITS
 from hiltest.errors import CalibrationError, ConfigError
-from hiltest.interfaces.sensor_files.times import seconds_of
+from hiltest.interfaces.sensor_files.columns import seconds_of
 from hiltest.log_fitting import read_imu_log
 from hiltest.log_fitting.rate_log import RateLog, check_rest, read_rate_log
 from hiltest.measurement.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
@@ -192,7 +192,7 @@ HEADER = "time_s,gyro_x_dps,gyro_y_dps,gyro_z_dps"
         (["0,1,2,3"], r"cannot tell which columns are the gyroscope \(without a header\); name them with --columns"),
         (["time_s,gyro_x,gyro_y,gyro_z", "0,1,2,3"], r"name no unit; set it: --unit deg/s or"),
         (["time_s,gyro_x_dps,gyro_y_mdps,gyro_z_dps", "0,1,2,3"], r"name different units"),
-        (["gyro_x_dps,gyro_y_dps,gyro_z_dps", "1,2,3"], r"not exactly one column is called time.*--rate HZ"),
+        (["gyro_x_dps,gyro_y_dps,gyro_z_dps", "1,2,3"], r"no columns of time.*--rate HZ"),
         ([HEADER, "-1e300,1,2,3", "1e300,1,2,4"], r":2: column time_s: '-1e300' is no time"),
         ([HEADER, "0,1,2,3", "1e15,1,2,4"], r"samples are 1e\+15 s apart by the column of time; give --rate, or name"),
         ([HEADER, "0,1,2,3", "5e-324,1,2,4"], r"samples are 4.94066e-324 s apart by the column of time"),

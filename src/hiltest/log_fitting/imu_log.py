@@ -23,7 +23,7 @@ from hiltest.interfaces.sensor_files.columns import (
     unit_in_headers,
 )
 from hiltest.interfaces.sensor_files.table import open_table
-from hiltest.interfaces.sensor_files.times import TimeColumn, time_column, time_columns, time_in
+from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
 from hiltest.log_fitting.asked_units import asked_of_gravity
 from hiltest.measurement.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
@@ -284,17 +284,13 @@ class _Table:
         return np.column_stack([time, joined])
 
     def _time(self, named: str | None) -> TimeColumn:
-        rows = self._table.first_rows
-        if named is not None:
-            column = time_column(self.headers, rows, column_index(named, self.headers, self.width, option="--time"))
-        elif not self.headers and len(self._table.places) == 4:
-            column = time_column((), rows, 0)
-        else:
-            columns = time_columns(self.headers, rows)
-            if len(columns) != 1:
-                count = len(columns) or "no"
-                raise ConfigError(f"{self.path}: {count} columns of time; give --rate in Hz, or --time")
-            column = columns[0]
+        if named is None and not self.headers and len(self._table.places) == 4:
+            named = "1"
+        try:
+            otherwise = "give --rate in Hz, or --time"
+            column = the_time(self.headers, self._table.first_rows, named, "--time", otherwise)
+        except ConfigError as error:
+            raise ConfigError(f"{self.path}: {error}") from error
         if column.note:
             self._notes.append(column.note)
         return column

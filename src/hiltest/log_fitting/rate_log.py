@@ -14,17 +14,16 @@ from numpy.typing import NDArray
 
 from hiltest.calibration.rest import first_motion
 from hiltest.errors import CalibrationError, ConfigError
-from hiltest.interfaces.sensor_files.cells import is_number, shown
+from hiltest.interfaces.sensor_files.cells import number_in, shown
 from hiltest.interfaces.sensor_files.columns import (
     GYROSCOPE_STEM,
     axis_triples,
     column_hint,
-    column_index,
     name_and_unit,
     some_columns,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
-from hiltest.interfaces.sensor_files.times import TimeColumn, time_column, time_columns, time_in
+from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
 from hiltest.log_fitting.time_stamps import even_stamps, gaps
 from hiltest.measurement.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
@@ -211,7 +210,8 @@ def _layout(table: Table, columns: str | None, time: str | None, *, want_time: b
     headers, width = table.headers, table.width
     places = _guessed_columns(table) if columns is None else some_columns(columns, headers, width, (1, 2, 3))
     names = table.names(places)
-    clock = _time_column(table, time) if want_time else None
+    otherwise = "name it with --time, or set the sample rate with --rate HZ"
+    clock = the_time(headers, table.first_rows, time, "--time", otherwise) if want_time else None
     if clock is not None and clock.place in places:
         raise ConfigError(f"column {table.names([clock.place])[0]} is given as time and as a rate")
     return _Layout(places, names, clock)
@@ -224,18 +224,6 @@ def _guessed_columns(table: Table) -> tuple[int, ...]:
         hint = column_hint(table.headers, table.places, table.first_rows, triples or None)
         raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); name them with --columns{hint}")
     return triples[0]
-
-
-def _time_column(table: Table, time: str | None) -> TimeColumn:
-    if time is not None:
-        place = column_index(time, table.headers, table.width, option="--time")
-        return time_column(table.headers, table.first_rows, place)
-    times = time_columns(table.headers, table.first_rows)
-    if len(times) != 1:
-        raise ConfigError(
-            "not exactly one column is called time; name it with --time, or set the sample rate with --rate HZ"
-        )
-    return times[0]
 
 
 def _header_unit(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
@@ -255,8 +243,10 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
         cells = [row.cells[place] for place in layout.places]
         if not any(cells):
             continue  # a row of another sensor
-        for cell, name in zip(cells, layout.names, strict=True):
-            values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
+        for place, name in zip(layout.places, layout.names, strict=True):
+            values.append(number_in(path, row, place, name, quantity="reading of a gyroscope", largest=_LARGEST))
+            if not math.isfinite(values[-1]):
+                raise ConfigError(f"{path}:{row.line}: column {name}: {shown(row.cells[place])} is not a number")
         if layout.time is not None:
             time = time_in(path, row, layout.time.place, table.names([layout.time.place])[0])
             if time < last_s:
@@ -269,15 +259,6 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
         raise ConfigError(f"{path}: no row has numbers in the columns {', '.join(layout.names)}")
     count = len(layout.places)
     return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
-
-
-def _value(path: Path, line: int, cell: str, name: str, quantity: str) -> float:
-    if not is_number(cell) or not math.isfinite(float(cell)):
-        comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
-        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
-    if abs(float(cell)) > _LARGEST:
-        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {quantity}")
-    return float(cell)
 
 
 def _check_steps(path: Path, time_s: Reals) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -11,7 +12,6 @@ from typing import TypeVar
 
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import is_number
-from hiltest.interfaces.sensor_files.times import seconds_of
 from hiltest.measurement.units import (
     ACCELERATION_WORDS,
     FIELD_WORDS,
@@ -355,3 +355,38 @@ def column_index(name: str, headers: Sequence[str], width: int, *, option: str) 
         return int(name) - 1
     choices = f"; the columns are {', '.join(headers)}" if headers else ""
     raise ConfigError(f"{option}: no column {name!r} among {width}{choices}")
+
+
+_UNITS_S = {
+    **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "micros", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), 1e-9),
+}
+# Words of a name beside the word for time itself.
+_BESIDE = frozenset(
+    re.split(
+        " ",
+        "rtc gps utc unix system sys host log logging sensor imu mag sample local boot since reboot start epoch of in "
+        "cal txt header device android arduino mcu relative",
+    )
+)
+_TIMES = frozenset(("time", "timestamp", "stamp", "t", "ts", "datetime", "clock", "elapsed", "zeit"))
+_NAME_WORD = re.compile(r"[A-Zµμ]?[a-zµμ]+|[A-Z]+(?![a-z])|\d+")
+_IN_BRACKETS = re.compile(r"[(\[].*$")
+
+
+def seconds_of(header: str) -> float | None:
+    """Return the unit of a time column in seconds, NaN if its name has none; None if its name is not that of a time.
+
+    Examples
+    --------
+    >>> seconds_of("time_s"), seconds_of("Timestamp [ms]"), seconds_of("t"), seconds_of("temperature")
+    (1.0, 0.001, nan, None)
+    """
+    words = [word.lower() for word in _NAME_WORD.findall(_IN_BRACKETS.sub(lambda unit: unit[0].lower(), header))]
+    if "timestamp" in words or all(word in _UNITS_S or word in _TIMES or word in _BESIDE for word in words):
+        unit_s = next((_UNITS_S[word] for word in reversed(words) if word in _UNITS_S), math.nan)
+        if _TIMES & set(words) or (len(words) == 1 and not math.isnan(unit_s) and len(words[0]) > 1):
+            return unit_s
+    return None

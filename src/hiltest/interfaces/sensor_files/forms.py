@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import TableRow, is_number, shown
-from hiltest.interfaces.sensor_files.columns import axis_triples, is_sensor, is_unit
+from hiltest.interfaces.sensor_files.columns import axis_triples, is_sensor, is_unit, seconds_of
 from hiltest.interfaces.sensor_files.named_lines import MOTION_CAL_NOTE, ROS_TIME, NamedLines, ros_stamp
 from hiltest.interfaces.sensor_files.parsed_lines import Line
-from hiltest.interfaces.sensor_files.times import seconds_of
 from hiltest.json_files import parse_json
 
 _AXES = 3

@@ -17,10 +17,10 @@ from hiltest.interfaces.sensor_files.columns import (
     is_sensor,
     is_unit,
     name_and_unit,
+    seconds_of,
     stem_and_axis,
 )
 from hiltest.interfaces.sensor_files.parsed_lines import Line
-from hiltest.interfaces.sensor_files.times import seconds_of
 
 _VALUE = re.compile(
     r"((?:\d{4}-\d\d-\d\d[T ])?(?<!\d)\d{1,2}:\d\d:\d\d(?:[.,]\d{1,9})?Z?"

@@ -14,27 +14,11 @@ import numpy as np
 
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import Reals, TableRow, is_number, number_in
+from hiltest.interfaces.sensor_files.columns import column_index, seconds_of
 
 #: Largest time: 3000 years in nanoseconds.
 LATEST = 1e20
-_UNITS_S = {
-    **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "micros", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), 1e-9),
-}
-# Words of a name beside the word for time itself.
-_BESIDE = frozenset(
-    re.split(
-        " ",
-        "rtc gps utc unix system sys host log logging sensor imu mag sample local boot since reboot start epoch of in "
-        "cal txt header device android arduino mcu relative",
-    )
-)
-_TIMES = frozenset(("time", "timestamp", "stamp", "t", "ts", "datetime", "clock", "elapsed", "zeit"))
-_WORD = re.compile(r"[A-Zµμ]?[a-zµμ]+|[A-Z]+(?![a-z])|\d+")
 _NAMES_S = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
-_BRACKETED = re.compile(r"[(\[].*$")
 _DAY_S = 86_400.0
 _EPOCH = datetime(1970, 1, 1)
 _DATES = ("%Y-%m-%d", "%d-%b-%Y", "%d/%m/%Y", "%Y/%m/%d", "%d.%m.%Y")
@@ -57,22 +41,6 @@ class TimeColumn(NamedTuple):
     """Sentence about the unit if it was inferred from the steps."""
     is_clock: bool = False
     """True for hours, minutes and seconds."""
-
-
-def seconds_of(header: str) -> float | None:
-    """Return the unit of a time column in seconds, NaN if its name has none; None if its name is not that of a time.
-
-    Examples
-    --------
-    >>> seconds_of("time_s"), seconds_of("Timestamp [ms]"), seconds_of("t"), seconds_of("temperature")
-    (1.0, 0.001, nan, None)
-    """
-    words = [word.lower() for word in _WORD.findall(_BRACKETED.sub(lambda unit: unit[0].lower(), header))]
-    if "timestamp" in words or all(word in _UNITS_S or word in _TIMES or word in _BESIDE for word in words):
-        unit_s = next((_UNITS_S[word] for word in reversed(words) if word in _UNITS_S), math.nan)
-        if _TIMES & set(words) or (len(words) == 1 and not math.isnan(unit_s) and len(words[0]) > 1):
-            return unit_s
-    return None
 
 
 def clock_s(cell: str) -> float:
@@ -122,6 +90,26 @@ def time_columns(headers: Sequence[str], rows: Sequence[Sequence[str]], but: Seq
     units = {place: unit for place, name in enumerate(headers) if (unit := seconds_of(name)) and place not in but}
     places = [place for place, unit in units.items() if not math.isnan(unit)] or list(units)
     return [time_column(headers, rows, place) for place in places]
+
+
+def the_time(
+    headers: Sequence[str], rows: Sequence[Sequence[str]], named: str | None, option: str, otherwise: str
+) -> TimeColumn:
+    """Return the column of time that an option names, or else the only one of the header.
+
+    Raises
+    ------
+    ConfigError
+        When there is not exactly one; the message ends with `otherwise`.
+    """
+    if named is not None:
+        return time_column(
+            headers, rows, column_index(named, headers, len(rows[0]) if rows else len(headers), option=option)
+        )
+    columns = time_columns(headers, rows)
+    if len(columns) != 1:
+        raise ConfigError(f"{len(columns) or 'no'} columns of time; {otherwise}")
+    return columns[0]
 
 
 def time_column(headers: Sequence[str], rows: Sequence[Sequence[str]], place: int) -> TimeColumn:

@@ -18,13 +18,12 @@ from hiltest.interfaces.sensor_files.columns import (
     GYROSCOPE_STEM,
     MAGNETOMETER_STEM,
     axis_triples,
-    column_index,
     incomplete_triples,
     name_and_unit,
     named_columns,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
-from hiltest.interfaces.sensor_files.times import TimeColumn, time_column, time_columns, time_in
+from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
 from hiltest.rig.recorded_motion import UNITS, PlaybackFile, PlayedSensor, factor_of
 from hiltest.world.recorded_motion import Reals, Sensed, Track
 
@@ -154,17 +153,11 @@ def _factor(path: Path, sensed: Sensed, settings: PlayedSensor, names: Sequence[
 def _time(path: Path, settings: PlaybackFile, table: Table) -> TimeColumn | None:
     if settings.rate_hz is not None:
         return None
-    headers, rows = table.headers, table.first_rows
-    if settings.time is not None:
-        place = column_index(settings.time, headers, table.width, option="world.playback.time")
-        return time_column(headers, rows, place)
-    candidates = time_columns(headers, rows)
-    if len(candidates) != 1:
-        count = len(candidates) or "no"
-        raise ConfigError(
-            f"{path}: {count} columns of time; name one with world.playback.time, or give world.playback.rate_hz"
-        )
-    return candidates[0]
+    otherwise = "name one with world.playback.time, or give world.playback.rate_hz"
+    try:
+        return the_time(table.headers, table.first_rows, settings.time, "world.playback.time", otherwise)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def _take(
