@@ -29,17 +29,17 @@ _VALUE = re.compile(
 )
 # The index in "magADC[0]: 1", which is no value; the name in 'Field X' of ESPHome, or of a Python dict.
 _INDEX = re.compile(r"(?<=\w)\[(\d)\](?=\s*[:=])")
-_QUOTED = re.compile(r"[\"']([^\"']+)[\"'](?=[^\"']*$)")
+_QUOTED = re.compile(r"[\"']([^\"']+)[\"'](?=[^\"'=]*$|\s*=\s*$)")
 # A channel in the text of Zephyr's shell, whose value has no name: "type=11(magn_xyz) index=0 ... value=1ns, (".
 _CHANNEL = re.compile(r"\b([a-z]\w*_(?:xyz|[xyz]))\b")
 _TRAILING_UNIT = re.compile(r"\s*[(\[]?([^\s,;|=:()\[\]{}]+)(?![^\s,;|=:()\[\]{}])[)\]]?(?!\s*[=:])(.*)", re.DOTALL)
 # "Mag XYZ: 1, 2, 3", "( x y z ) = ( 1  2  3 )"; one axis behind a name is that of one number.
-_XYZ = re.compile(r"[\s(_]*x[\s,/]*y[\s,/]*z[\s)]*$")
+_XYZ = re.compile(r"[\s(_]*x[\s,/]*y[\s,/]*z[\s)]*$", re.IGNORECASE)
 _AXIS_BEHIND = re.compile(r"(?:^|[\s_.:/-])[xyz]$")
 _WORD = re.compile(r"[^\W\d_]{2,}")
 _PLAIN = re.compile(r"[\w .%/°-]+")
 _BLOCK = re.compile(r"(\s*)(?:- )?([\w/.-]+):\s*$")
-_OPEN, _CLOSED = ("(", "[", "{", "<"), " \t\r\n,;|)]}>-"
+_OPEN, _CLOSED = ("(", "[", "{", "<"), " \t\r\n,;|/)]}>-"
 #: Name of the column with ROS's time.
 ROS_TIME = "time [s]"
 # Fewest lines with the same axes that are a log rather than a remark above a table.
@@ -180,7 +180,10 @@ class NamedLines:
         names: dict[int, str] = {}
         stem, axis, last = "", "", 0
         for group in groups:
-            name, unit = name_and_unit(group.name)
+            if len(group.places) == 2 and parts[2 * group.places[1]] == ":":
+                group = group._replace(places=group.places[1:])  # Teleplot's "mag_x:TIME:VALUE"
+            is_vector = len(group.places) == 3
+            name, unit = name_and_unit(_XYZ.sub("", group.name) if is_vector else group.name)
             if len(group.places) == len(_MOTION_CAL) and name.endswith("raw"):
                 self.is_motion_cal = True
                 scales = _MOTION_CAL.items()
@@ -189,7 +192,7 @@ class NamedLines:
             if not name and group.is_marked and channel:
                 name = channel[1].removesuffix("_xyz")
             parsed = stem_and_axis(name.replace("_xyz", ""))
-            if len(group.places) == 3:
+            if is_vector:
                 if not (group.is_marked or is_sensor(name)) or _AXIS_BEHIND.search(name):
                     continue
                 name = _XYZ.sub("", name)

@@ -33,7 +33,7 @@ _CLOCK = r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,:]\d{1,9})
 # (Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ", "[2024-03-05 12:34:56.789] "), seconds in brackets
 # ("[    1.234567] "), and level and module of ESP-IDF, Zephyr, ESPHome and ROS.
 _PREFIXES = (
-    re.compile(rf"(?P<open>\[)?(?:\d{{4}}-\d\d-\d\d[T ])?{_CLOCK}(?(open)\](?:\s*-?>)?|\s*-?>) ?"),
+    re.compile(rf"(?P<open>\[)?(?:[\w ,./-]{{5,16}}[T ])?{_CLOCK}(?(open)(?: \d{{4}})?\](?:\s*-?>)?|\s*-?>) ?"),
     re.compile(r"\[\s*(?P<seconds>\d+\.\d{3,9})\]\s+(?=[A-Za-z])"),
     re.compile(rf"[EWIDV] \((?:(?P<ms>\d+)|{_CLOCK})\) [^\s:]{{1,40}}: "),
     re.compile(r"<(?:err|wrn|inf|dbg)> [^\s:]{1,60}: "),
