@@ -36,6 +36,8 @@ _OTHER_UNITS = frozenset(
         "s ms us ns sec msec usec secs msecs degc °c c k % pa hpa kpa mbar v mv a hz m bits flags u. no_units - ° date",
     )
 )
+#: Longest name in which axes and units are looked for: the time for that may grow with the square of the length.
+LONGEST_NAME = 200
 # "Magnetometer X (uT)", "mx_uT", "mag.y [gauss]": a name, and an optional unit in brackets or after an underscore.
 _BRACKETED = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>(?:[^()\[\]]|\([^()]*\))*)[)\]]$")
 _SUFFIXED = re.compile(r"^(?P<name>.*[^_ ])[_ ](?P<unit>[^_ ]+)$")
@@ -291,7 +293,7 @@ def stem_and_axis(header: str) -> tuple[str, str] | None:
     >>> stem_and_axis("imu_mx"), stem_and_axis("magADC[0]"), stem_and_axis("Shimmer_Mag_Z_CAL")
     (('imu_m', 'x'), ('magadc', 'x'), ('cal shimmer_mag', 'z'))
     """
-    name = name_and_unit(header)[0]
+    name = name_and_unit(header)[0][-LONGEST_NAME:]
     parts = next((matched.groupdict() for pattern in _AXES if (matched := pattern.match(name))), None)
     if parts is None:
         return None
@@ -308,6 +310,8 @@ def name_and_unit(header: str) -> tuple[str, str]:
     (('mag x', 'ut'), ('uncalmagx', 'microt'), ('magnetometer[0]', 'ga'))
     """
     written = header.strip()
+    if len(written) > LONGEST_NAME:
+        return written.lower(), ""
     bracketed = _BRACKETED.match(written)
     if indexed := _INDEXED.match(written):
         name, unit = name_and_unit(indexed["name"])

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from hiltest.interfaces.sensor_files.cells import TableRow
 from hiltest.interfaces.sensor_files.columns import (
+    LONGEST_NAME,
     axis_vectors,
     is_sensor,
     is_unit,
@@ -24,7 +25,7 @@ from hiltest.interfaces.sensor_files.parsed_lines import Line
 
 _VALUE = re.compile(
     r"((?:\d{4}-\d\d-\d\d[T ])?(?<!\d)\d{1,2}:\d\d:\d\d(?:[.,]\d{1,9})?Z?"
-    r"|(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\d_]|x[0-9A-Fa-f])|(?<![\w.])[-+]?(?:nan|inf)(?!\w))",
+    r"|(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?(?![\d_]|x[0-9A-Fa-f])|(?<![\w.])[-+]?(?:nan|inf)(?!\w))",
     re.IGNORECASE,
 )
 # The index in "magADC[0]: 1", which is no value; the name in 'Field X' of ESPHome, or of a Python dict.
@@ -240,6 +241,7 @@ def _groups(texts: Sequence[str]) -> tuple[list[_Group], dict[int, str]]:
         written = quoted[1] if quoted else bare
         name = written.rstrip(" \t:=>-" + "".join(_OPEN)).lstrip(_CLOSED + "".join(_OPEN))
         is_marked = bool(quoted) or bare.endswith((*_OPEN, ":", "=", ">"))
+        name = name[-LONGEST_NAME:]
         if name or bare.endswith(_OPEN) or not groups:
             groups.append(_Group(name, [place], is_marked))
         else:

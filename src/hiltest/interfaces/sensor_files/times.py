@@ -69,7 +69,7 @@ def time_in(path: Path, row: TableRow, place: int, name: str) -> float:
     ConfigError
         When it is something else; the message has file, line and column.
     """
-    value = clock_s(row.cells[place])
+    value = clock_s(row.cells[place]) if ":" in row.cells[place] else math.nan
     if math.isnan(value):
         value = number_in(path, row, place, name, quantity="time", largest=LATEST)
     if not math.isfinite(value):
