@@ -38,6 +38,7 @@ READING = {
     "doctor --rig": ("doctor", "--rig", "{}"),
     "report export run": ("report", "export", "{}", "--format", "bencher"),
     "fit --firmware": ("fit", "points.csv", "--firmware", "{}"),
+    "fit --accelerometer-log": ("fit", "points.csv", "--accelerometer-log", "{}"),
     "fit log": ("fit", "{}"),
     "fit imu --bias-from": ("fit", "imu", "imu.csv", "--bias-from", "{}"),
     "fit imu --gyroscope-log": ("fit", "imu", "imu.csv", "--gyroscope-log", "{}"),

@@ -9,28 +9,28 @@ import pytest
 
 from hiltest.calibration import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import sphere_directions
-from hiltest.log_fitting import CountScale, Samples, Unit, evenly_on_sphere
+from hiltest.log_fitting import CountScale, FieldUnit, Samples, evenly_on_sphere
 
 
-def _cloud(points: np.ndarray, unit: Unit) -> Samples:
+def _cloud(points: np.ndarray, unit: FieldUnit) -> Samples:
     return Samples(Path("cloud.csv"), points, unit, "option", ("x", "y", "z"), 0)
 
 
 @pytest.mark.parametrize(
     ("unit", "radius", "offset", "step", "shifted"),
     [
-        (Unit.UT, 48.5, 60.0, 0.1, False),
-        (Unit.GAUSS, 0.485, 0.6, 0.001, False),
-        (Unit.COUNTS, 485.0, 600.0, 1.0, False),
-        (Unit.COUNTS, 4066.0, 33_000.0, 1.0, True),
-        (Unit.COUNTS, 1e6, 0.0, 1e6 / 3200.0, False),
-        (Unit.COUNTS, 0.5, 0.2, 0.5 / 3200.0, False),
-        (Unit.COUNTS, 1.0, 1e6, 1.0 / 3200.0, True),
-        (Unit.UT, 48.5, 5000.0, 0.1, True),
+        (FieldUnit.UT, 48.5, 60.0, 0.1, False),
+        (FieldUnit.GAUSS, 0.485, 0.6, 0.001, False),
+        (FieldUnit.COUNTS, 485.0, 600.0, 1.0, False),
+        (FieldUnit.COUNTS, 4066.0, 33_000.0, 1.0, True),
+        (FieldUnit.COUNTS, 1e6, 0.0, 1e6 / 3200.0, False),
+        (FieldUnit.COUNTS, 0.5, 0.2, 0.5 / 3200.0, False),
+        (FieldUnit.COUNTS, 1.0, 1e6, 1.0 / 3200.0, True),
+        (FieldUnit.UT, 48.5, 5000.0, 0.1, True),
     ],
 )
 def test_counts_fit_int16_and_keep_the_resolution(
-    unit: Unit, radius: float, offset: float, step: float, shifted: bool
+    unit: FieldUnit, radius: float, offset: float, step: float, shifted: bool
 ) -> None:
     cloud = _cloud(radius * sphere_directions(400) + offset, unit)
     scale = CountScale.choose(cloud)
@@ -45,13 +45,13 @@ def test_counts_fit_int16_and_keep_the_resolution(
 
 
 def test_points_that_are_all_the_same_have_a_scale_too() -> None:
-    cloud = _cloud(np.full((20, 3), 1e9), Unit.COUNTS)
+    cloud = _cloud(np.full((20, 3), 1e9), FieldUnit.COUNTS)
     assert not CountScale.choose(cloud).counts(cloud.points).any()
 
 
 def test_a_calibration_of_counts_is_one_of_readings() -> None:
     points = 0.485 * sphere_directions(50) + 1000.0
-    scale = CountScale.choose(_cloud(points, Unit.GAUSS))
+    scale = CountScale.choose(_cloud(points, FieldUnit.GAUSS))
     soft_iron = np.array([[2.0, 0.1, 0.0], [0.1, 1.9, 0.2], [0.0, 0.2, 2.1]]) / 1000.0
     in_counts = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, soft_iron, np.array([1.0, 2.0, 3.0]))
     in_gauss = scale.convert_fit(in_counts)

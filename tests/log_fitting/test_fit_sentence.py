@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hiltest.calibration.quality import sphere_directions
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.fit_sentence import HEADINGS_DEG, calibrated_heading_error_deg, heading_errors_deg, headline
 from hiltest.log_fitting.sample_fit import fit_on_host
 
@@ -17,7 +17,7 @@ from ..calibration.hand_turned import hand_turned
 
 
 def _samples(points: np.ndarray) -> Samples:
-    return Samples(Path("folder/log.csv"), points, Unit.UT, "option", ("x", "y", "z"), 0)
+    return Samples(Path("folder/log.csv"), points, FieldUnit.UT, "option", ("x", "y", "z"), 0)
 
 
 def test_headings_as_read_err_by_the_hard_iron_across_them() -> None:

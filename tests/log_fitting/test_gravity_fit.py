@@ -23,7 +23,7 @@ from hiltest.calibration.axes import ALL_AXES, RIGHT, Axes
 from hiltest.calibration.pair_fit import PAIR_METHODS
 from hiltest.calibration.robust import outliers
 from hiltest.commands.fit import fit as fit_command
-from hiltest.log_fitting import AccelerationUnit, Samples, Unit
+from hiltest.log_fitting import AccelerationUnit, FieldUnit, Samples
 from hiltest.log_fitting.fit_result import AgainstGravity, CalibratorFit, SampleFit
 from hiltest.log_fitting.gravity_fit import against_gravity
 from hiltest.log_fitting.rating import Rating
@@ -42,7 +42,7 @@ def log(points: np.ndarray, acceleration: np.ndarray) -> Samples:
     return Samples(
         Path("both.csv"),
         points,
-        Unit.UT,
+        FieldUnit.UT,
         "option",
         NAMES,
         0,

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.log_folder import agreements, fit_folder
 
 from ..calibration.hand_turned import hand_turned
 
 
 def _samples(points: np.ndarray) -> Samples:
-    return Samples(Path("log.csv"), points, Unit.UT, "option", ("x", "y", "z"), 0)
+    return Samples(Path("log.csv"), points, FieldUnit.UT, "option", ("x", "y", "z"), 0)
 
 
 @pytest.mark.parametrize("calibrator", ["direct", "corrected"])

@@ -158,8 +158,8 @@ HEADER = "t,ax,ay,az,gx,gy,gz"
         ([HEADER, "0,1,2,3,4,5,6", "0.01,1,2,3,4,inf,6"], r"log.csv:3: column gy: a number is missing"),
         ([HEADER, "0,1,2,3,4,5,6", "0.01,1,2,3,4,1e300,6"], r"log.csv:3: column gy: '1e300' is no reading of an IMU"),
         ([HEADER, "0,1,2,3,4,5,6", "0.01,1,2,3"], r"log.csv:3: 4 cells where the table has 7 columns"),
-        ([HEADER, "0,1,2,3,4,5,6", "0,1,2,3,4,5,6"], r"log.csv:3: column t: time 0 is not after 0"),
-        ([HEADER, "0,1,2,3,4,5,6", "10,1,2,3,4,5,6"], r"samples are 10 s apart by column t; give --rate"),
+        ([HEADER, "0,1,2,3,4,5,6", "0,1,2,3,4,5,7"], r"log.csv:3: column t: time 0 is not after 0"),
+        (["t_s,ax,ay,az", "0,1,2,3", "10,1,2,3"], r"samples are 10 s apart by column t_s; give --rate"),
         ([HEADER, "0,1,2,3,4,5,6"], "1 rows of numbers are too few for a log"),
         ([HEADER], "0 rows of numbers are too few for a log"),
         (["ax,ay,az", "1,2,3"], "no columns of time; give --rate in Hz, or --time"),
@@ -192,14 +192,28 @@ def test_packed_files_that_are_none_are_refused(tmp_path: Path, content: bytes, 
         read_imu_log(path, rate_hz=100.0)
 
 
-def test_logs_of_two_sensors_need_the_same_rows(tmp_path: Path) -> None:
-    rows = [f"{0.01 * n:.2f} 1 2 3" for n in range(20)]
-    first = text(tmp_path / "a.txt", *rows)
-    with pytest.raises(ConfigError, match=r"20 rows and .* 19; both need one row per sample"):
-        read_imu_log(first, text(tmp_path / "b.txt", *rows[:-1]))
-    later = [f"{0.01 * n + 0.05:.2f} 1 2 3" for n in range(20)]
-    with pytest.raises(ConfigError, match=r"sample \d+ was taken at .* s and .* s"):
-        read_imu_log(first, text(tmp_path / "c.txt", *later))
+def test_logs_of_two_sensors_are_joined_by_time(tmp_path: Path) -> None:
+    first = text(tmp_path / "a.txt", *[f"{0.01 * n:.2f} {n} 2 3" for n in range(20)])
+    second = text(tmp_path / "b.txt", *[f"{0.05 + 0.004 * n:.3f} 4 5 {n}" for n in range(60)])
+    log = read_imu_log(first, second)
+    assert log.rate is not None
+    # Of the gyroscope's samples from 0.05 to 0.286 s, those until 0.19 s, the accelerometer's last.
+    np.testing.assert_allclose(log.time_s, 0.05 + 0.004 * np.arange(36), atol=1e-12)
+    np.testing.assert_allclose(log.acceleration[:, 0], 100.0 * log.time_s, atol=1e-9)
+    assert log.rate[:, 2].tolist() == list(range(36))
+    assert any("at 36 of 60 samples" in note for note in log.notes)
+    later = text(tmp_path / "c.txt", *[f"{0.01 * n + 7.05:.2f} 1 2 3" for n in range(20)])
+    with pytest.raises(ConfigError, match="have no time in common"):
+        read_imu_log(first, later)
+    with pytest.raises(ConfigError, match=r"20 rows and .* 60; leave out --rate"):
+        read_imu_log(first, second, rate_hz=100.0)
+
+
+def test_rows_that_are_written_twice_are_read_once(tmp_path: Path) -> None:
+    rows = [f"{20 * n},1,2,{n}" for n in range(10)]
+    log = read_imu_log(text(tmp_path / "log.csv", "t_ms,ax,ay,az", *(row for row in rows for _ in (0, 1))))
+    assert log.acceleration[:, 2].tolist() == list(range(10))
+    assert log.notes == ("10 rows that repeat the one before, with its time, were skipped.",)
 
 
 def test_columns_can_be_named_or_numbered(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import json
+import re
 from dataclasses import fields
 from pathlib import Path
 
@@ -14,9 +16,10 @@ from hypothesis import strategies as st
 from hiltest.calibration.robust import repeats
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.parsed_lines import Lines
-from hiltest.log_fitting import Samples, Unit, read_samples, samples
+from hiltest.log_fitting import FieldUnit, Samples, read_samples, samples
 from hiltest.measurement.units import AccelerationUnit
 
+_CLOUD = np.random.default_rng(3).uniform(-60.0, 60.0, (60, 3)).round(3)
 _NUMBERS = [[1.5, -2.0, 3.0], [4.0, 5.0, -6.25]]
 
 
@@ -73,26 +76,32 @@ def test_columns_are_chosen_by_name_or_number(tmp_path: Path, columns: str, name
 @pytest.mark.parametrize(
     ("header", "unit", "message"),
     [
-        ("mx_uT,my_uT,mz_uT", Unit.UT, "header"),
-        ("mag x [gauss],mag y [gauss],mag z [gauss]", Unit.GAUSS, "header"),
-        ("Magnetometer X (µT),Magnetometer Y (µT),Magnetometer Z (µT)", Unit.UT, "header"),
-        ("mx (G),my (G),mz (G)", Unit.GAUSS, "header"),
-        ("Mag X_G,Mag Y_G,Mag Z_G", Unit.GAUSS, "header"),
-        ("mx_lsb,my_lsb,mz_lsb", Unit.COUNTS, "header"),
-        ("mx,my,mz", Unit.COUNTS, "assumed"),
+        ("mx_uT,my_uT,mz_uT", FieldUnit.UT, "header"),
+        ("mag x [gauss],mag y [gauss],mag z [gauss]", FieldUnit.GAUSS, "header"),
+        ("mx_nT,my_nT,mz_nT", FieldUnit.NT, "header"),
+        ("mag_x_mG,mag_y_mG,mag_z_mG", FieldUnit.MG, "header"),
+        ("magX (mT),magY (mT),magZ (mT)", FieldUnit.MT, "header"),
+        ("mx_T,my_T,mz_T", FieldUnit.T, "header"),
+        ("UncalMagXMicroT,UncalMagYMicroT,UncalMagZMicroT", FieldUnit.UT, "header"),
+        ("magnetometer_ga[0],magnetometer_ga[1],magnetometer_ga[2]", FieldUnit.GAUSS, "header"),
+        ("Magnetometer X (µT),Magnetometer Y (µT),Magnetometer Z (µT)", FieldUnit.UT, "header"),
+        ("mx (G),my (G),mz (G)", FieldUnit.GAUSS, "header"),
+        ("Mag X_G,Mag Y_G,Mag Z_G", FieldUnit.GAUSS, "header"),
+        ("mx_lsb,my_lsb,mz_lsb", FieldUnit.COUNTS, "header"),
+        ("mx,my,mz", FieldUnit.COUNTS, "assumed"),
     ],
 )
-def test_the_unit_is_what_the_header_says(tmp_path: Path, header: str, unit: Unit, message: str) -> None:
+def test_the_unit_is_what_the_header_says(tmp_path: Path, header: str, unit: FieldUnit, message: str) -> None:
     cloud = _read(tmp_path, f"{header}\n1,2,3\n")
     assert (cloud.unit, cloud.unit_from) == (unit, message)
-    cloud = _read(tmp_path, f"{header}\n1,2,3\n", unit=Unit.GAUSS)
-    assert (cloud.unit, cloud.unit_from) == (Unit.GAUSS, "option")
+    cloud = _read(tmp_path, f"{header}\n1,2,3\n", unit=FieldUnit.GAUSS)
+    assert (cloud.unit, cloud.unit_from) == (FieldUnit.GAUSS, "option")
 
 
 def test_motion_cal_says_its_unit(tmp_path: Path) -> None:
     cloud = _read(tmp_path, "Raw:0,0,8192,0,0,0,15,-20,30\nUni:0,0,9.8\nRaw:0,0,8192,0,0,0,40,50,-63\n")
     np.testing.assert_array_equal(cloud.points, [[1.5, -2.0, 3.0], [4.0, 5.0, -6.3]])
-    assert (cloud.unit, cloud.unit_from, cloud.acceleration_unit) == (Unit.UT, "header", AccelerationUnit.G)
+    assert (cloud.unit, cloud.unit_from, cloud.acceleration_unit) == (FieldUnit.UT, "header", AccelerationUnit.G)
 
 
 def test_rows_without_three_numbers_are_skipped_and_counted(tmp_path: Path) -> None:
@@ -172,6 +181,18 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
         _read(tmp_path, "u,v,w,mx,my,mz\n0,0,x,1.5,-2,3\n", accelerometer_columns="w,v,u")
 
 
+def test_the_accelerometer_s_own_log_is_joined_by_time(tmp_path: Path) -> None:
+    cloud = _read(tmp_path, "t,mx,my,mz\n0.01,1.5,-2,3\n0.5,4,5,-6.25\n")
+    path = tmp_path / "acceleration.csv"
+    path.write_text("time (ms),ax_g,ay_g,az_g\n0,0,0,1\n20,0,1,0\n40,0,1,0\n")
+    joined = samples.join_accelerometer(cloud, path)
+    np.testing.assert_array_equal(joined.acceleration, [[0.0, 0.5, 0.5], [np.nan] * 3])
+    assert joined.acceleration_unit is AccelerationUnit.G
+    assert "1 of 2 readings" in joined.notes[-1]
+    with pytest.raises(ConfigError, match="no column of rising times"):
+        samples.join_accelerometer(_read(tmp_path, "1,2,3\n4,5,6\n"), path)
+
+
 @pytest.mark.parametrize(
     ("content", "how", "complaint"),
     [
@@ -186,19 +207,24 @@ def test_an_option_names_the_accelerometer_where_the_header_does_not(tmp_path: P
         ("1,2,3\n1,2\n", {}, "cloud.csv:2: 2 cells where the table has 3 columns; correct or delete the line"),
         ('1,2,3\n1,"2,3\n', {}, "cloud.csv:2: a quote is opened and not closed on the line"),
         ("mx,my,mz\r1,2,3\r4,5,6\r", {}, "cloud.csv:1: carriage returns within the line; save with line ends LF"),
-        ("1,2,3,4\n", {}, "cannot tell which columns are the magnetometer: no header and 4 columns; say which"),
-        ("a,b,c,d\n1,2,3,4\n", {}, "the columns are a, b, c, d; say which with --columns"),
+        (
+            "1,2,3,4\n",
+            {},
+            "cannot tell which columns are the magnetometer: no header and 4 columns; choose --columns 1,2,3 or",
+        ),
+        ("a,b,c,d\n1,2,3,4\n", {}, "the columns are a, b, c, d; choose --columns a,b,c or --columns b,c,d"),
         (
             "mag_x,mag_y,mag_z,compass_x,compass_y,compass_z\n1,2,3,4,5,6\n",
             {},
             "choose --columns mag_x,mag_y,mag_z or --columns compass_x,compass_y,compass_z",
         ),
-        ("ax,ay,az,gx,gy,gz\n1,2,3,4,5,6\n", {}, "choose --columns ax,ay,az or --columns gx,gy,gz"),
-        ("mx_nT,my_nT,mz_nT\n1,2,3\n", {}, "nt is not supported; convert to uT, or give --unit counts"),
-        ("mx_mG,my_mG,mz_mG\n1,2,3\n", {}, "mgauss is not supported; convert to uT"),
+        ("ax,ay,az,gx,gy,gz\n1,2,3,4,5,6\n", {}, "the columns are ax, ay, az, gx, gy, gz"),
         ("mx_uT,my_uT,mz_gauss\n1,2,3\n", {}, "different units"),
-        ("a,b,c\n1,2,3\n", {"columns": ""}, "0 columns; give three"),
-        ("a,b,c\n1,2,3\n", {"columns": "a,b"}, "--columns a,b: 2 columns; give three"),
+        ("t,X (m/s^2),Y (m/s^2),Z (m/s^2)\n0,1,2,3\n", {}, "cannot tell which columns are the magnetometer"),
+        ("mx=34,59 my=-10,36 mz=54,82\n" * 3, {}, "cannot tell which columns are the magnetometer"),
+        ("gravity: [1, 2, 3]\n" * 3, {}, "the columns are gravity.x, gravity.y, gravity.z"),
+        ("a,b,c\n1,2,3\n", {"columns": ""}, "0 columns; give three or two"),
+        ("a,b,c\n1,2,3\n", {"columns": "a"}, "--columns a: 1 columns; give three or two"),
         ("a,b,c\n1,2,3\n", {"columns": "a,b,a"}, "a column is named twice"),
         ("a,b,c\n1,2,3\n", {"columns": "a,b,e"}, "no column 'e' among 3; the columns are a, b, c"),
         ("1,2,3\n", {"columns": "1,2,4"}, "no column '4' among 3"),
@@ -219,8 +245,50 @@ def test_what_is_wrong_is_said_with_file_line_and_column(
     assert "cloud.csv" in str(raised.value)
 
 
-def test_a_unit_that_is_not_supported_can_be_read_as_counts(tmp_path: Path) -> None:
-    assert _read(tmp_path, "mx_nT,my_nT,mz_nT\n1,2,3\n", unit=Unit.COUNTS).unit is Unit.COUNTS
+def test_two_columns_are_a_compass_with_two_axes(tmp_path: Path) -> None:
+    for text in ("x,y\n1.5,-2\n4,5\n", "mx=1.5 my=-2\nmx=4 my=5\n"):
+        cloud = _read(tmp_path, text)
+        np.testing.assert_array_equal(cloud.points, [[1.5, -2.0, 0.0], [4.0, 5.0, 0.0]])
+        assert len(cloud.columns) == 2
+    # More rows than a reader looks at one by one.
+    rows = np.arange(1000.0).reshape(500, 2)
+    cloud = _read(tmp_path, "a,b,c\n" + "".join(f"0,{a},{b}\n" for a, b in rows), columns="b,c")
+    np.testing.assert_array_equal(cloud.points, np.column_stack([rows, np.zeros(500)]))
+
+
+@pytest.mark.parametrize(
+    ("header", "count"),
+    [
+        ("time,n,a,b,c,still,d,e,f", 2),
+        ("", 2),
+        ("time,n,pos x,pos y,pos z,still,raw x,raw y,raw z", 2),
+        ("time,n,ax,ay,az,still,gx,gy,gz", 0),
+        ("time,n,a,a,b,still,c,d,d", 0),
+    ],
+)
+def test_a_hint_is_a_command_that_reads_readings(tmp_path: Path, header: str, count: int) -> None:
+    random = np.random.default_rng(1)
+    rows = [[row * 20, row, *random.normal(size=3), 7, *random.normal(size=3)] for row in range(30)]
+    text = "\n".join([*([header] if header else []), *(",".join(map(str, row)) for row in rows)]) + "\n"
+    with pytest.raises(ConfigError) as raised:
+        _read(tmp_path, text)
+    hints = re.findall(r"--columns '?([^' ]+(?: [^' ]+)*?)'?(?: or |$)", str(raised.value))
+    assert len(hints) == count
+    for hint in hints:
+        points = _read(tmp_path, text, columns=hint).points
+        assert any(np.array_equal(points, np.array(rows)[:, first : first + 3]) for first in (2, 6))
+
+
+def test_a_file_with_the_name_of_another_sensor_needs_names(tmp_path: Path) -> None:
+    for header, is_refused in (("time,z,y,x", True), ("time,mz,my,mx", False)):
+        path = tmp_path / "Accelerometer.csv"
+        path.write_text(f"{header}\n0,3,-2,1.5\n1,-6.25,5,4\n")
+        np.testing.assert_array_equal(read_samples(path, columns="4,3,2").points, _NUMBERS)
+        if is_refused:
+            with pytest.raises(ConfigError, match="the file has the name of another sensor"):
+                read_samples(path)
+        else:
+            np.testing.assert_array_equal(read_samples(path).points, _NUMBERS)
 
 
 @pytest.mark.parametrize(("path", "complaint"), [("gone.csv", "No such file"), (".", "Is a directory")])
@@ -313,6 +381,80 @@ def _tables(draw: st.DrawFn) -> bytes:
     end = draw(st.sampled_from(["\n", "\n", "\r\n"]))
     last = draw(st.sampled_from([end, end, "", f"{end}1{separator}2", f"{end}x{end}"]))
     return (end.join(lines) + last).encode()
+
+
+_FIELDS = {"uT": 1.0, "nT": 1e3, "mT": 1e-3, "T": 1e-6, "gauss": 1e-2, "mG": 10.0}
+_STEPS = {"s": 0.02, "ms": 20.0, "us": 2e4, "ns": 2e7}
+
+
+@st.composite
+def _dialects(draw: st.DrawFn) -> tuple[str, FieldUnit, bool]:
+    """Draw a log of 60 readings in some form, its unit, and whether it has times."""
+    unit, step = draw(st.sampled_from(sorted(_FIELDS))), draw(st.sampled_from(sorted(_STEPS)))
+    points = _CLOUD * _FIELDS[unit]
+    names = draw(
+        st.sampled_from(
+            [
+                ("mx", "my", "mz"),
+                ("imu_mx", "imu_my", "imu_mz"),
+                ("MAG_X", "MAG_Y", "MAG_Z"),
+                ("magADC[0]", "magADC[1]", "magADC[2]"),
+                ("Magnetic field x", "Magnetic field y", "Magnetic field z"),
+            ]
+        )
+    )
+    has_times, label = draw(st.booleans()), draw(st.sampled_from(["Mag", "MAG", "magnetometer", "Compass field"]))
+    times = [f"{_STEPS[step] * row:.6f}".rstrip("0").rstrip(".") for row in range(60)]
+    cells = [[f"{value:.7g}" for value in point] for point in points]
+    prefix = draw(
+        st.sampled_from(["", "", "I ({}) compass: ", "[00:00:01.{:03}] ", "\x1b[0;32m", "12:00:00.{:03} -> "])
+    )
+    style = draw(st.sampled_from(["table", "units row", "pairs", "list", "axes", "json", "document"]))
+    if style in ("table", "units row"):
+        separator = draw(st.sampled_from([",", ";", "\t"]))
+        heads = [*(["time"] if has_times else []), *names]
+        units = [*([step] if has_times else []), *[unit] * 3]
+        if style == "table":
+            lines = [separator.join(f"{head} ({word})" for head, word in zip(heads, units, strict=True))]
+        else:
+            lines = [separator.join(heads), separator.join(units)]
+        rows = [separator.join([*([time] if has_times else []), *row]) for time, row in zip(times, cells, strict=True)]
+        return "\n".join([*lines, *rows]) + "\n", FieldUnit(unit), has_times
+    if style in ("json", "document"):
+        objects = [
+            {
+                **({f"time_{step}": float(time)} if has_times else {}),
+                f"mag_{unit}": dict(zip("xyz", point, strict=True)),
+            }
+            for time, point in zip(times, points.tolist(), strict=True)
+        ]
+        text = json.dumps(objects, indent=draw(st.sampled_from([None, 1]))) if style == "document" else ""
+        return text or "\n".join(map(json.dumps, objects)) + "\n", FieldUnit(unit), has_times
+    mark = draw(st.sampled_from(["=", ": ", " = ", ":"]))
+    lines = []
+    for row, (time, (x, y, z)) in enumerate(zip(times, cells, strict=True)):
+        start = f"t_{step}{mark}{time}, " if has_times else ""
+        if style == "pairs":
+            body = ", ".join(f"{name}{mark}{cell} {unit}" for name, cell in zip(names, (x, y, z), strict=True))
+        elif style == "list":
+            body = f"{label} ({unit}){mark}[{x}, {y}, {z}]"
+        else:
+            body = f"{label} x{mark}{x} y{mark}{y} z{mark}{z} {unit}"
+        lines.append(prefix.format(20 * row) + start + body + ("\x1b[0m" if "\x1b" in prefix else ""))
+    return "\n".join(["boot", *lines]) + "\n", FieldUnit(unit), has_times
+
+
+@given(_dialects())
+def test_a_cloud_in_any_form_and_unit_comes_back(
+    tmp_path_factory: pytest.TempPathFactory, log: tuple[str, FieldUnit, bool]
+) -> None:
+    text, unit, has_times = log
+    cloud = _read(tmp_path_factory.getbasetemp(), text)
+    assert (cloud.unit, cloud.unit_from) == (unit, "header")
+    np.testing.assert_allclose(cloud.points, _CLOUD * _FIELDS[unit], rtol=1e-6)
+    if has_times:
+        assert cloud.time_s is not None
+        np.testing.assert_allclose(np.diff(cloud.time_s), 0.02, rtol=1e-6)
 
 
 def _what_is_read(path: Path) -> list[object] | str:

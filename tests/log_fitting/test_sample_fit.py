@@ -17,7 +17,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.shapes import Shape
 from hiltest.errors import ConfigError
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.fit_notes import notes
 from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.sample_fit import ALL, fit_by_shape, fit_on_board, fit_on_host
@@ -31,7 +31,7 @@ from .indoor_walk import indoor_walk
 _GOLDEN = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
 
 
-def _cloud(points_ut: np.ndarray, unit: Unit = Unit.UT) -> Samples:
+def _cloud(points_ut: np.ndarray, unit: FieldUnit = FieldUnit.UT) -> Samples:
     return Samples(Path("cloud.csv"), np.asarray(points_ut, dtype=float), unit, "option", ("x", "y", "z"), 0)
 
 
@@ -79,7 +79,7 @@ def test_the_board_s_verdict_is_that_of_the_whole_file_on_the_host(
 @pytest.mark.parametrize("path", _GOLDEN, ids=lambda path: path.stem)
 def test_golden_clouds_get_the_same_verdict_and_reasons_on_both(virtual_board: Board, path: Path) -> None:
     points = np.array(json.loads(path.read_text(encoding="utf-8"))["points"], dtype=float)
-    cloud = _cloud(points, Unit.COUNTS)
+    cloud = _cloud(points, FieldUnit.COUNTS)
     on_board, on_host = fit_on_board(virtual_board, cloud), fit_on_host(cloud)
     for reference in on_host.calibrators:
         (fitted,) = (calibrator for calibrator in on_board.calibrators if calibrator.name == reference.name)
@@ -104,7 +104,7 @@ def test_a_symmetric_distortion_is_found_in_the_unit_of_the_file() -> None:
     soft_iron = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 1.0]])
     hard_iron = np.array([0.3, -0.2, 0.45])
     readings = 0.5 * sphere_directions(200) @ soft_iron + hard_iron
-    (direct,) = fit_on_host(_cloud(readings, Unit.GAUSS), "direct").calibrators
+    (direct,) = fit_on_host(_cloud(readings, FieldUnit.GAUSS), "direct").calibrators
     np.testing.assert_allclose(direct.hard_iron, hard_iron, atol=1e-9)
     scale = np.linalg.det(soft_iron) ** (1.0 / 3.0)
     np.testing.assert_allclose(direct.soft_iron, np.linalg.inv(soft_iron) * scale, atol=1e-9)
@@ -115,36 +115,40 @@ def test_a_symmetric_distortion_is_found_in_the_unit_of_the_file() -> None:
 
 def test_a_sensor_at_rest_is_refused_whatever_the_unit() -> None:
     ball = np.random.default_rng(1).normal(size=(300, 3)) * 4.0 + (100.0, -200.0, 300.0)
-    assert set(_verdicts(fit_on_host(_cloud(ball, Unit.COUNTS))).values()) == {Acceptance.REFUSED}
+    assert set(_verdicts(fit_on_host(_cloud(ball, FieldUnit.COUNTS))).values()) == {Acceptance.REFUSED}
 
 
 def test_the_wrong_unit_is_refused_by_the_field_strength() -> None:
-    fit = fit_on_host(_cloud(golden_points(100).astype(float), Unit.UT), "direct")
+    fit = fit_on_host(_cloud(golden_points(100).astype(float), FieldUnit.UT), "direct")
     (reason,) = fit.best.reasons
     assert (reason.figure, reason.threshold, reason.verdict) == ("radius_ut", 70.0, Acceptance.REFUSED)
-    assert fit_on_host(_cloud(golden_points(100).astype(float), Unit.COUNTS), "direct").best.verdict is Acceptance.GOOD
+    assert (
+        fit_on_host(_cloud(golden_points(100).astype(float), FieldUnit.COUNTS), "direct").best.verdict
+        is Acceptance.GOOD
+    )
 
 
 @pytest.mark.parametrize(
     ("scale", "unit", "unit_from", "asked"),
     [
-        (10.0, Unit.UT, "header", "480 uT, and the earth's is 20 to 70 uT. Are these tenths of a microtesla"),
-        (0.01, Unit.UT, "option", "Are these gauss? use --unit gauss"),
-        (1.0, Unit.GAUSS, "header", "Are these uT?"),
-        (1000.0, Unit.UT, "header", "Are these nT?"),
-        (1e-3, Unit.UT, "header", "Are these mT?"),
-        (1.0, Unit.COUNTS, "assumed", "A strength of 48 would be the earth's in uT."),
-        (0.01, Unit.COUNTS, "assumed", "A strength of 0.48 would be the earth's in gauss."),
-        (1.0, Unit.UT, "header", None),
-        (0.01, Unit.GAUSS, "header", None),
-        (1.0, Unit.COUNTS, "header", None),
-        (1.0, Unit.COUNTS, "option", None),
-        (10.0, Unit.COUNTS, "assumed", None),
-        (3.0, Unit.UT, "header", None),
+        (10.0, FieldUnit.UT, "header", "480 uT, and the earth's is 20 to 70 uT. Are these tenths of a microtesla"),
+        (0.01, FieldUnit.UT, "option", "Are these gauss? use --unit gauss"),
+        (1.0, FieldUnit.GAUSS, "header", "Are these uT?"),
+        (1000.0, FieldUnit.UT, "header", "Are these nT?"),
+        (1e-3, FieldUnit.UT, "header", "Are these mT?"),
+        (1.0, FieldUnit.COUNTS, "assumed", "A strength of 48 would be the earth's in uT."),
+        (0.01, FieldUnit.COUNTS, "assumed", "A strength of 0.48 would be the earth's in gauss."),
+        (1.0, FieldUnit.UT, "header", None),
+        (0.01, FieldUnit.GAUSS, "header", None),
+        (1.0, FieldUnit.COUNTS, "header", None),
+        (1.0, FieldUnit.COUNTS, "option", None),
+        (10.0, FieldUnit.COUNTS, "assumed", "A strength of 480 would be the earth's in mG."),
+        (3.0, FieldUnit.COUNTS, "assumed", None),
+        (3.0, FieldUnit.UT, "header", None),
     ],
 )
 def test_a_strength_that_is_the_earth_s_in_another_unit_is_asked_about(
-    scale: float, unit: Unit, unit_from: str, asked: str | None
+    scale: float, unit: FieldUnit, unit_from: str, asked: str | None
 ) -> None:
     cloud = replace(_cloud(scale * 48.0 * sphere_directions(200), unit), unit_from=unit_from)
     fit = fit_on_host(cloud, "direct")
@@ -213,7 +217,7 @@ def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board:
 
 def test_what_was_done_to_the_cloud_is_told(virtual_board: Board) -> None:
     points = np.repeat(golden_points(500)[::5] + 33_000.25, 5, axis=0)
-    cloud = Samples(Path("cloud.csv"), points, Unit.COUNTS, "assumed", ("1", "2", "3"), 7)
+    cloud = Samples(Path("cloud.csv"), points, FieldUnit.COUNTS, "assumed", ("1", "2", "3"), 7)
     notes = " ".join(fit_on_board(virtual_board, cloud).notes)
     assert "count as counts of unknown scale" in notes
     assert "7 rows without three finite numbers were skipped" in notes
@@ -258,7 +262,7 @@ def test_many_left_out_are_a_warning() -> None:
 
 def test_a_long_ellipsoid_is_asked_about() -> None:
     points = golden_points(300) / 10.0 * (1.0, 1.0, 0.4)
-    fit = fit_on_host(_cloud(points, Unit.COUNTS), "direct")
+    fit = fit_on_host(_cloud(points, FieldUnit.COUNTS), "direct")
     assert fit.best.verdict is Acceptance.GOOD
     assert "columns of one magnetometer" in " ".join(fit.notes)
 
@@ -379,4 +383,4 @@ def test_a_known_strength_is_compared_and_needs_a_unit() -> None:
     fit = fit_on_host(_drawn(1, 400, 1.0, 0.4), field_ut=40.0)
     assert f"The radius is {fit.best.radius / 40.0:.2f} of the field" in " ".join(fit.notes)
     with pytest.raises(ConfigError, match="cannot be compared with counts"):
-        fit_on_host(_cloud(golden_points(100), Unit.COUNTS), field_ut=48.0)
+        fit_on_host(_cloud(golden_points(100), FieldUnit.COUNTS), field_ut=48.0)

@@ -12,7 +12,7 @@ import pytest
 from tests.command_files import json_schema
 
 from hiltest.errors import ConfigError
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.sample_fit import fit_on_host
 from hiltest.log_fitting.sample_fit_exports import export_header, export_json, to_json
@@ -42,7 +42,7 @@ int main(void)
 
 
 def _fit(name: str = "cloud.csv") -> SampleFit:
-    return fit_on_host(Samples(Path(name), golden_points(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0))
+    return fit_on_host(Samples(Path(name), golden_points(100) / 10.0, FieldUnit.UT, "option", ("x", "y", "z"), 0))
 
 
 def _corrected(content: dict[str, list[float]], readings: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.sample_fit import ALL, fit_on_host
 from hiltest.log_fitting.sample_fit_page import fit_page
 from hiltest.log_fitting.sample_fit_table import figure_tables
@@ -20,7 +20,7 @@ from .indoor_walk import indoor_walk
 
 
 def _page(points: np.ndarray, name: str = "cloud.csv") -> str:
-    cloud = Samples(Path(name), points, Unit.UT, "option", ("x", "y", "z"), 0)
+    cloud = Samples(Path(name), points, FieldUnit.UT, "option", ("x", "y", "z"), 0)
     return fit_page(fit_on_host(cloud), cloud)
 
 
@@ -127,7 +127,7 @@ def test_a_refused_calibration_has_no_heading_error() -> None:
 
 
 def test_many_calibrators_stand_in_tables_that_fit_a_page() -> None:
-    cloud = Samples(Path("cloud.csv"), golden_points(100) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
+    cloud = Samples(Path("cloud.csv"), golden_points(100) / 10.0, FieldUnit.UT, "option", ("x", "y", "z"), 0)
     fit = fit_on_host(cloud, ALL)
     tables = figure_tables(fit)
     names = [fit.name for table in tables for fit in table.fits]

@@ -10,7 +10,7 @@ import pytest
 
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.errors import ConfigError
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.sample_fit import fit_on_host
 from hiltest.log_fitting.span import (
     between,
@@ -31,7 +31,7 @@ def _log(*, timed: bool) -> Samples:
     """Return a log of 60 s, with a step of 6 % of the field after 42 s."""
     points = hand_turned(3, _COUNT)
     points[840:] += (0.0, 0.0, 2.8)
-    samples = Samples(Path("log.csv"), points, Unit.UT, "option", ("x", "y", "z"), 0)
+    samples = Samples(Path("log.csv"), points, FieldUnit.UT, "option", ("x", "y", "z"), 0)
     return replace(samples, time_s=1000.0 + np.arange(_COUNT) / 20.0) if timed else samples
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from contextlib import suppress
 from pathlib import Path
 
@@ -134,12 +135,13 @@ def test_raw_lines_of_motion_cal_are_read_in_units_and_other_lines_are_skipped_a
     }
     assert rows == rows[:1] * 2
     assert "8192 counts for 1 g" in table.notes[0]
-    assert table.notes[1] == "3 lines that do not begin with Raw: were skipped."
+    assert table.notes[1] == "3 lines without a named reading were skipped."
 
 
-def test_a_raw_line_that_is_wrong_is_refused_with_its_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"log\.txt:2: not nine whole numbers behind Raw:"):
-        read(tmp_path, f"{RAW}\nRaw:1,2,3\n{RAW}\n")
+def test_a_raw_line_that_is_wrong_is_skipped_and_counted(tmp_path: Path) -> None:
+    table, rows = read(tmp_path, f"{RAW}\nRaw:1,2,3\n{RAW}\nRaw:1,2,3,4,5,6,7,8,9.5\n")
+    assert len(rows) == 2
+    assert table.notes[1] == "2 lines without a named reading were skipped."
 
 
 def test_times_of_serial_monitors_are_taken_off_and_kept(tmp_path: Path) -> None:
@@ -153,7 +155,7 @@ def test_times_of_serial_monitors_are_taken_off_and_kept(tmp_path: Path) -> None
     rows = list(table.rows())
     assert (table.headers, [row.cells for row in rows]) == (("x", "y", "z"), list(ROWS))
     assert [row.arrived_s for row in rows] == pytest.approx([86399.0, 86399.1, 86399.2])
-    assert "serial monitor" in table.notes[0]
+    assert "time before each line" in table.notes[0]
     assert read(tmp_path, f"9:00:00.1 > {RAW}\n")[0].headers[-1] == "mz_uT"  # as PlatformIO's
     assert read(tmp_path, "12:34:56,1,2,3\n")[1] == [("12:34:56", "1", "2", "3")]  # a cell, not a stamp
 
@@ -188,17 +190,91 @@ def test_keys_of_json_may_miss_and_one_that_comes_late_is_said(tmp_path: Path) -
     [
         ('{"x": 1}\n{"x": 1, "x": 2}\n{"x": 1}\n', ':2: key "x" stands twice in one object'),
         ('{"x": 1}\n{"x": NaN}\n', ":2: NaN is not a number"),
-        ('{"x": 1}\n[1]\n{"x": 1}\n', "JSON, but not an object on each line"),
+        ('{"x": 1}\n[1]\n{"x": 1}\n', "JSON, but neither one document nor an object on each line"),
         ('{"x": 1}\n{"x": 1}\n[1]\n', ":3: not an object"),
         ('{"a": {"b": 1}, "a.b": 2}\n{"x": 1}\n', ":1: two keys are the same when levels are joined by points"),
-        ('{"mag": [[1, 2, 3], [4, 5, 6]]}\n', "JSON, but not an object on each line"),
-        ('{\n "mag": [\n  [1, 2, 3]\n ]\n}\n', "JSON, but not an object on each line"),
+        ('{"x": 1,\n "y": 2}\n', "JSON, but no table of readings: no list of objects, and no lists of equal length"),
+        ('[\n{"x": 1},\n{"x": 2}\n', "JSON, but no table of readings: Expecting ',' delimiter"),
     ],
 )
 def test_json_that_is_no_row_is_refused(tmp_path: Path, content: str, complaint: str) -> None:
     with pytest.raises(ConfigError) as raised:
         read(tmp_path, content)
     assert complaint in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "headers"),
+    [
+        ('[{"mag": [1.5, -2.0, 3.0]}, {"mag": [4.0, 5.5, -6.25]}]', ("mag.x", "mag.y", "mag.z")),
+        ('{"rate": 100,\n"rows": [{"mx": 1.5, "my": -2.0, "mz": 3.0},\n{"mx": 4, "my": 5.5}]}', ("mx", "my", "mz")),
+        ('{"mag": [[1.5, -2.0, 3.0], [4.0, 5.5, -6.25]]}', ("mag.x", "mag.y", "mag.z")),
+        ('{"mx": [1.5, 4, 1, 1], "my": [-2.0, 5.5, 1, 1], "mz": [3.0, -6.25, 1, 1]}', ("mx", "my", "mz")),
+        (
+            '{"mx": {"0": 1.5, "1": 4.0}, "my": {"0": -2.0, "1": 5.5},\n"mz": {"0": 3.0, "1": -6.25}}',
+            ("mx", "my", "mz"),
+        ),
+        ("[[1.5, -2.0, 3.0, 0], [4.0, 5.5, -6.25, 0]]", ()),
+    ],
+)
+def test_a_document_of_json_is_a_table(tmp_path: Path, content: str, headers: tuple[str, ...]) -> None:
+    table, rows = read(tmp_path, content)
+    assert table.headers == headers
+    assert rows[0][:3] == ROWS[0]
+
+
+def test_a_document_of_json_may_be_one_long_line(tmp_path: Path) -> None:
+    document = json.dumps([{"mx": row, "my": 1, "mz": 2} for row in range(10_000)])
+    assert len(document) > 200_000
+    _, rows = read(tmp_path, document)
+    assert [row[0] for row in rows] == [str(row) for row in range(10_000)]
+
+
+@pytest.mark.parametrize(
+    ("lines", "headers", "rows"),
+    [
+        # Two sensors that log at different rates: a row has each sensor once.
+        (
+            ["a: 1, 2, 3 g", "a: 4, 5, 6 g", "m: 7, 8, 9 uT", "a: 1, 1, 1 g"],
+            ("a.x [g]", "a.y [g]", "a.z [g]"),
+            [("1", "2", "3"), ("4", "5", "6"), ("1", "1", "1")],
+        ),
+        # A line is lost: no row has axes of two readings.
+        (
+            ["mx=1", "my=2", "mz=3", "my=5", "mz=6", "mx=7", "my=8", "mz=9"],
+            ("m.x", "m.y", "m.z"),
+            [("1", "2", "3"), ("", "5", "6"), ("7", "8", "9")],
+        ),
+        # A line names the sensor of the next.
+        (
+            ["Accelerometer", "X: 1 Y: 2 Z: 3", "Magnetometer (uT):", "X: 4 Y: 5 Z: 6"] * 2,
+            ("accelerometer.x", "magnetometer.x [ut]", "magnetometer.z [ut]"),
+            [("1", "4", "6")] * 2,
+        ),
+        # ArduPilot's second compass is none of the first's readings.
+        (
+            ["MAG {T : 9, I : 0, MagX : 1, MagY : 2, MagZ : 3}", "MAG {T : 9, I : 1, MagX : 4, MagY : 5, MagZ : 6}"]
+            * 2,
+            (
+                "i",
+                "mag.x",
+                "mag.y",
+                "mag.z",
+                "instance 1.i",
+                "instance 1.mag.x",
+                "instance 1.mag.y",
+                "instance 1.mag.z",
+            ),
+            [("0", "1", "2", "3", "1", "4", "5", "6")] * 2,
+        ),
+    ],
+)
+def test_lines_that_name_their_numbers_are_joined_to_rows(
+    tmp_path: Path, lines: list[str], headers: tuple[str, ...], rows: list[tuple[str, ...]]
+) -> None:
+    table, read_rows = read(tmp_path, "\n".join(lines) + "\n")
+    places = [table.headers.index(header) for header in headers]
+    assert [tuple(row[place] for place in places) for row in read_rows] == rows
 
 
 @pytest.mark.parametrize("between", [";", "\t"])

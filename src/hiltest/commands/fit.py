@@ -15,7 +15,7 @@ from click.core import ParameterSource
 from hiltest.commands.options import ErrorOutput, json_option, setting_option
 
 if TYPE_CHECKING:
-    from hiltest.log_fitting import Samples, Unit
+    from hiltest.log_fitting import FieldUnit, Samples
     from hiltest.log_fitting.fit_result import SampleFit
 
 _EXIT_CODES = """
@@ -39,7 +39,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--columns",
     metavar="A,B,C",
-    help="Read x, y, z from these columns: names of the header or numbers from 1; a minus negates one.  "
+    help="Read x, y, z, or x, y of two axes, from these columns: names or numbers from 1; a minus negates one.  "
     "[default: the magnetometer's]",
 )
 @click.option(
@@ -47,9 +47,10 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     metavar="A,B,C",
     help="Read the accelerometer from these columns, for gravity.  [default: acc..., a...]",
 )
+@click.option("--accelerometer-log", metavar="FILE", type=_FILE, help="Read the accelerometer from this log, by time.")
 @click.option(
     "--unit",
-    type=click.Choice(["uT", "gauss", "counts"]),
+    type=click.Choice(["uT", "nT", "mT", "T", "gauss", "mG", "counts"]),
     help="Set the unit of the samples; the scale of counts is unknown.  [default: the header's, else counts]",
 )
 @click.option(
@@ -129,6 +130,7 @@ def fit(
     log: Path,
     columns: str | None,
     accelerometer_columns: str | None,
+    accelerometer_log: Path | None,
     unit: str | None,
     calibrator: str,
     shape: str,
@@ -158,15 +160,20 @@ def fit(
 
     Other logs: hiltest fit imu for accelerometer and gyroscope, hiltest fit noise for a gyroscope at rest.
     """
-    from hiltest.log_fitting import Unit
+    from hiltest.log_fitting import FieldUnit
     from hiltest.log_fitting.signed_columns import read_signed_samples
 
     if log.is_dir():
-        return _fit_folder(log, columns, Unit(unit) if unit else None, robust=robust != "none", at_least=at_least)
+        return _fit_folder(log, columns, FieldUnit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
+    own_columns = accelerometer_columns if accelerometer_log is None else None
     read = read_signed_samples(
-        path, columns=columns, unit=Unit(unit) if unit else None, accelerometer_columns=accelerometer_columns
+        path, columns=columns, unit=FieldUnit(unit) if unit else None, accelerometer_columns=own_columns
     )
+    if accelerometer_log is not None:
+        from hiltest.log_fitting.samples import join_accelerometer
+
+        read = join_accelerometer(read, accelerometer_log, accelerometer_columns)
     if steady or first is not None or last is not None:
         read = _part(read, first, last, steady=steady)
     following = None
@@ -197,7 +204,7 @@ def _is_worse(fitted: SampleFit, at_least: str) -> bool:
     return order.index(fitted.best.verdict) > order.index(Acceptance(at_least))
 
 
-def _fit_folder(folder: Path, columns: str | None, unit: Unit | None, *, robust: bool, at_least: str) -> int:
+def _fit_folder(folder: Path, columns: str | None, unit: FieldUnit | None, *, robust: bool, at_least: str) -> int:
     context = click.get_current_context()
     for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
@@ -280,7 +287,7 @@ def _show(fitted: SampleFit, *, as_json: bool) -> None:
 def _compare_with_model(fitted: SampleFit, place: str) -> str:
     """Return the best calibration's strength and dip beside those of the World Magnetic Model."""
     from hiltest.doctor.field_checks import field_at
-    from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
+    from hiltest.measurement.units import MICROTESLA, FieldUnit
 
     try:
         latitude, longitude, day = place.split(",")
@@ -291,7 +298,7 @@ def _compare_with_model(fitted: SampleFit, place: str) -> str:
         ) from error
     if isinstance(model, str):
         raise click.UsageError(f"--at {place}: {model}")
-    best, unit = fitted.best, MICROTESLA[Unit(fitted.unit)]
+    best, unit = fitted.best, MICROTESLA[FieldUnit(fitted.unit)]
     strength, dip = "an unknown strength", "an unknown dip, because gravity was not used"
     if best.radius is not None and unit is not None:
         strength = f"{best.radius * unit:.2f} uT, {best.radius * unit / model.strength_ut:.3f} of it"

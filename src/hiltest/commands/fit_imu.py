@@ -57,7 +57,7 @@ class _Options:
     "--gyroscope-log",
     metavar="FILE",
     type=_FILE,
-    help="Read the gyroscope from this log, whose rows match those of LOG.",
+    help="Read the gyroscope from this log; other times than those of LOG are joined.",
 )
 @click.option(
     "--accelerometer-columns",

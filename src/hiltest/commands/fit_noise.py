@@ -69,8 +69,8 @@ def fit_noise(
 ) -> None:
     """Compute random walk and bias instability of a gyroscope.
 
-    FILE.csv is a log of a gyroscope at rest, written by hiltest log, or any text table with one row per sample. If the
-    log has gaps, its longest part is used.
+    FILE.csv is a log of a gyroscope at rest, written by hiltest log, or any text log. Pauses of less than 1 % of the
+    log are passed over if they are less than 10 % together; otherwise the longest part between gaps is used.
     """
     from hiltest.calibration.allan import allan_curve
     from hiltest.log_fitting.allan_page import HEADER, allan_document, headline, table, write_page

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from hiltest.interfaces.sensor_files.columns import Unit
 from hiltest.log_fitting.counts import CountScale, evenly_on_sphere
 from hiltest.log_fitting.imu_log import ImuLog, LogColumns, read_imu_log
 from hiltest.log_fitting.intervals import Interval, Intervals, found_intervals, labelled_intervals, listed_intervals
 from hiltest.log_fitting.samples import Samples, read_samples
-from hiltest.measurement.units import AccelerationUnit, RateUnit
+from hiltest.measurement.units import AccelerationUnit, FieldUnit, RateUnit
 
 __all__ = [
     "AccelerationUnit",
     "CountScale",
+    "FieldUnit",
     "ImuLog",
     "Interval",
     "Intervals",
     "LogColumns",
     "RateUnit",
     "Samples",
-    "Unit",
     "evenly_on_sphere",
     "found_intervals",
     "labelled_intervals",

@@ -123,7 +123,9 @@ def headline(log: RateLog) -> str:
     n, seconds = len(log.rates), len(log.rates) / log.rate_hz
     jitter = f", jitter {1000.0 * log.jitter_s:.3g} ms" if log.jitter_s * log.rate_hz > _JITTER else ""
     part = f"{log.path}: {n} samples at {log.rate_hz:.6g} Hz{jitter}, {seconds:.0f} s"
-    if not log.gaps:
+    if log.paused_s is not None:
+        part += f", {log.paused_s[-1]:.4g} s of pauses passed over"
+    if not log.gaps or n == log.rows:
         return part if n == log.rows else f"{part} of {log.rows} rows, from {log.start_s:.6g} s on"
     return f"{part}; {format_count(log.gaps, 'gap')}: the longest part of {log.rows} rows, from {log.start_s:.6g} s on"
 

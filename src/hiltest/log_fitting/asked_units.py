@@ -8,25 +8,18 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
-from hiltest.measurement.units import GRAVITIES, AccelerationUnit
+from hiltest.measurement.units import GRAVITIES, MICROTESLA, AccelerationUnit, FieldUnit
 
 # Range of the earth's field at its surface [uT], with a margin for iron and scale, as in the rating of a fit.
 _EARTH_UT = (20.0, 70.0)
-_AS_COUNTS = "--unit counts uses them unchanged, without checking the strength"
-# Size of each unit [uT], and the remedy if readings are in it.
-_FIELDS = {
-    "uT": (1.0, "use --unit uT"),
-    "gauss": (100.0, "use --unit gauss"),
-    "tenths of a microtesla (milligauss, or the counts of many sensors)": (0.1, _AS_COUNTS),
-    "nT": (1e-3, _AS_COUNTS),
-    "mT": (1e3, _AS_COUNTS),
-}
+_AS_COUNTS = ", or --unit counts, which checks no strength"
+# Names of units that may be something else.
+_ALSO = {FieldUnit.MG: "tenths of a microtesla (milligauss, or the counts of many sensors)"}
 # Plausible range of the median [g], under any turning or shaking by hand; the next unit is a factor of ten off.
 _GRAVITY_G = (0.7, 1.4)
 
 
-def asked_of_field(strength: float, unit: Unit, unit_from: str) -> Iterator[str]:
+def asked_of_field(strength: float, unit: FieldUnit, unit_from: str) -> Iterator[str]:
     """Yield a question if a field's strength is not the earth's, but would be in another unit.
 
     Parameters
@@ -41,15 +34,15 @@ def asked_of_field(strength: float, unit: Unit, unit_from: str) -> Iterator[str]
     if size_ut is None:
         yield from (
             f"A strength of {strength:.3g} would be the earth's in {other}."
-            for other in Unit
+            for other in FieldUnit
             if unit_from == "assumed" and low <= (MICROTESLA[other] or 0.0) * strength <= high
         )
     elif not low <= size_ut * strength <= high:
         yield from (
             f"The field's strength is {strength:.3g} {unit}, and the earth's is {low:g} to {high:g} uT. Are these "
-            f"{name}? {then}."
-            for name, (each_ut, then) in _FIELDS.items()
-            if low <= each_ut * strength <= high
+            f"{_ALSO.get(other, other)}? use --unit {other}{_AS_COUNTS if other in _ALSO else ''}."
+            for other, other_ut in MICROTESLA.items()
+            if low <= (other_ut or 0.0) * strength <= high
         )
 
 

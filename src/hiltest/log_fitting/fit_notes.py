@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from hiltest.calibration.acceptance import LARGEST_AXIS_RATIO, Acceptance
 from hiltest.calibration.robust import FURTHEST, MANY_LEFT_OUT
-from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
 from hiltest.log_fitting.asked_units import asked_of_field
 from hiltest.log_fitting.fit_result import SampleFit
+from hiltest.measurement.units import MICROTESLA, FieldUnit
 
 # Number of runs of omitted readings that a sentence names.
 _NAMED_RUNS = 8
@@ -16,13 +16,13 @@ _NAMED_RUNS = 8
 
 def notes(fit: SampleFit) -> Iterator[str]:
     """Yield notes on a fit, one sentence each."""
-    if MICROTESLA[Unit(fit.unit)] is None:
+    if MICROTESLA[FieldUnit(fit.unit)] is None:
         why = "The header has no known unit: the readings count as counts" if fit.unit_from == "assumed" else "Counts"
         yield f"{why} of unknown scale, so the field strength is not checked; set the unit with --unit uT or gauss."
     # The radius of a shape other than an ellipsoid may differ from the field's strength.
     refused = {reason.figure for reason in fit.best.reasons if reason.verdict is Acceptance.REFUSED}
     if fit.best.radius is not None and not (fit.best.shape is not None or fit.at_rest or "condition" in refused):
-        yield from asked_of_field(fit.best.radius, Unit(fit.unit), fit.unit_from)
+        yield from asked_of_field(fit.best.radius, FieldUnit(fit.unit), fit.unit_from)
     if fit.n_skipped:
         yield f"{fit.n_skipped} rows without three finite numbers were skipped."
     if fit.change is not None:
@@ -81,7 +81,7 @@ def _coverage_notes(fit: SampleFit) -> Iterator[str]:
             f"The largest hole has a radius of {fit.hole.radius_deg:.0f} deg, about the sensor's {fit.hole.axes}: "
             "turn it into the direction of the field, north and down (south of the equator north and up)."
         )
-    if fit.field_ut is not None and best.radius is not None and (unit := MICROTESLA[Unit(fit.unit)]) is not None:
+    if fit.field_ut is not None and best.radius is not None and (unit := MICROTESLA[FieldUnit(fit.unit)]) is not None:
         yield f"The radius is {best.radius * unit / fit.field_ut:.2f} of the field of --field."
 
 

@@ -178,7 +178,7 @@ class SampleFit:
     """Result of every calibrator on the same samples."""
 
     file: str
-    columns: tuple[str, str, str]
+    columns: tuple[str, ...]
     unit: str
     unit_from: str
     """``option``, ``header`` or ``assumed``."""

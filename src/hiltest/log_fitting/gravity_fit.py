@@ -116,9 +116,7 @@ def _undetermined_reason(norms: PairFit, acceleration: Array, largest_deg: float
     )
 
 
-def _check_spreads(
-    log: AgainstGravity, points: Array, acceleration: Array, columns: tuple[str, str, str]
-) -> AgainstGravity:
+def _check_spreads(log: AgainstGravity, points: Array, acceleration: Array, columns: tuple[str, ...]) -> AgainstGravity:
     """Add the spreads of gravity and dip, and the objections to gravity from these, the axes or the accelerometer."""
     if len(points) < _FEWEST:
         return replace(log, unused=f"{len(points)} rows have readings of both sensors; {_FEWEST} are needed")
@@ -169,7 +167,7 @@ def _negate(axes: Axes) -> Axes:
     return Axes(axes.order, (-x, -y, -z))
 
 
-def _axes_sentence(axes: Axes, turn: ConstantDip, columns: tuple[str, str, str]) -> str:
+def _axes_sentence(axes: Axes, turn: ConstantDip, columns: Sequence[str]) -> str:
     finding = str(axes).split(" (")[0].replace(" is ", " seems ").replace(" are ", " seem ")
     return (
         f"The magnetometer's axes are not the accelerometer's: {finding} (turned by {turn.angle_deg:.0f} deg the dip "

@@ -20,10 +20,10 @@ from hiltest.interfaces.sensor_files.columns import (
     axis_triples,
     column_index,
     named_columns,
-    seconds_of,
     unit_in_headers,
 )
 from hiltest.interfaces.sensor_files.table import open_table
+from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
 from hiltest.log_fitting.asked_units import asked_of_gravity
 from hiltest.measurement.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
@@ -34,8 +34,6 @@ MAX_ROWS = 2_000_000
 # Longest period: a slower log does not show a turn, and its column of time is more likely in another unit.
 _SLOWEST_HZ = 5.0
 _FASTEST_HZ = 1e5
-# Largest time of a clock: 3000 years in nanoseconds.
-_LATEST = 1e20
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +89,7 @@ def read_imu_log(
     path
         Log of both sensors, or of the accelerometer alone.
     gyroscope_path
-        Log of the gyroscope, with the same rows.
+        Log of the gyroscope. If its samples have other times, the acceleration is interpolated at them.
     columns
         Columns, by default from the headers; a table of three or four columns without a header is x, y, z, after an
         optional time.
@@ -128,11 +126,28 @@ def read_imu_log(
     other_unit = rate_unit or unit_in_headers(other_names if second.headers else (), RATE_WORDS, "--gyroscope-unit")
     time_s, readings = first.read(columns.time, rate_hz, [*places, *(others or () if second is first else ())])
     rate = readings[:, len(places) :] if readings.shape[1] > len(places) else None
+    joined_notes: list[str] = []
     if second is not first and others is not None:
         other_time_s, rate = second.read(columns.time, rate_hz, list(others))
-        _check_pairs(path, second.path, time_s, other_time_s)
+        if not _are_pairs(time_s, other_time_s):
+            if rate_hz is not None:
+                raise ConfigError(
+                    f"{path} has {len(time_s)} rows and {second.path} {len(other_time_s)}; leave out --rate to join "
+                    "them by their times"
+                )
+            readings = interpolate_readings(time_s, readings, other_time_s)
+            inside = np.isfinite(readings[:, 0])
+            if inside.sum() < 2:
+                raise ConfigError(f"{path} and {second.path} have no time in common")
+            joined_notes = [
+                f"The logs were joined by time at {inside.sum()} of {len(inside)} samples of the gyroscope."
+            ]
+            if first.labels is not None:
+                nearest = np.clip(np.searchsorted(time_s, other_time_s[inside]), 0, len(time_s) - 1)
+                first.labels = tuple(first.labels[place] for place in nearest.tolist())
+            time_s, readings, rate = other_time_s[inside], readings[inside], rate[inside]
     acceleration, unit = readings[: len(readings) if places else 0, :3], unit or AccelerationUnit.COUNTS
-    notes = [*first.notes, *(second.notes if second is not first else ())]
+    notes = [*first.notes, *(second.notes if second is not first else ()), *joined_notes]
     if acceleration_unit is None and places:
         notes += asked_of_gravity(acceleration, unit, "use --accelerometer-unit {}")
     return ImuLog(
@@ -155,10 +170,11 @@ class _Table:
         self.headers, self.width, self.names = self._table.headers, self._table.width, self._table.names
         self._label = None if labels is None else column_index(labels, self.headers, self.width, option="--intervals")
         self.labels: tuple[str, ...] | None = None
+        self._notes: list[str] = []
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return self._table.notes
+        return (*self._table.notes, *self._notes)
 
     def axes(
         self, named: str | None, pattern: re.Pattern[str], option: str, sensor: str, *, alone: bool = True
@@ -185,12 +201,13 @@ class _Table:
 
     def read(self, time: str | None, rate_hz: float | None, places: list[int]) -> tuple[Reals, Reals]:
         """Return the times [s] and the readings, one row per sample."""
-        place, scale_s = (None, 1.0) if rate_hz is not None else self._time(time)
+        clock = None if rate_hz is not None else self._time(time)
+        place = None if clock is None else clock.place
         columns = places if place is None else [place, *places]
         names = self.names(columns)
         values, labels = array("d"), []
         sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
-        one_a_row = False
+        one_a_row, written_twice = False, 0
         for row in self._table.rows():
             filled = filled_of(row.cells, sensors)
             one_a_row = one_a_row or (not len(values) and place is not None and filled.count(True) < len(sensors) > 1)
@@ -202,6 +219,9 @@ class _Table:
             numbers = self._numbers(row, columns, names, place, absent)
             if place is not None and len(values):
                 before = values[-len(columns)]
+                if numbers == values[-len(columns) :].tolist():
+                    written_twice += 1
+                    continue
                 if numbers[0] < before or (numbers[0] == before and not one_a_row):
                     raise ConfigError(
                         f"{self.path}:{row.line}: column {names[0]}: time {numbers[0]:g} is not after {before:g}; "
@@ -221,7 +241,10 @@ class _Table:
             return np.arange(len(read)) / rate_hz, read
         if one_a_row:
             read = self._join(read)
-        time_s = scale_s * read[:, 0]
+        if written_twice:
+            self._notes.append(f"{written_twice} rows that repeat the one before, with its time, were skipped.")
+        unit_s = 1.0 if clock is None else clock.unit_s
+        time_s = unit_s * read[:, 0]
         step_s = float(np.median(np.diff(time_s)))
         if not 1.0 / _FASTEST_HZ <= step_s <= 1.0 / _SLOWEST_HZ:
             raise ConfigError(
@@ -236,8 +259,10 @@ class _Table:
         """Return a row's time and readings; only cells of absent sensors may be empty."""
         numbers = []
         for at, name in zip(columns, names, strict=True):
-            quantity, largest = ("time", _LATEST) if at == time else ("reading of an IMU", LARGEST_READING)
-            value = number_in(self.path, row, at, name, quantity=quantity, largest=largest)
+            if at == time:
+                numbers.append(time_in(self.path, row, at, name))
+                continue
+            value = number_in(self.path, row, at, name, quantity="reading of an IMU", largest=LARGEST_READING)
             if not math.isfinite(value) and at not in absent:
                 raise ConfigError(
                     f"{self.path}:{row.line}: column {name}: a number is missing, and a turn cannot be integrated "
@@ -258,32 +283,29 @@ class _Table:
             self.labels = tuple(label for label, is_used in zip(self.labels, rows.tolist(), strict=True) if is_used)
         return np.column_stack([time, joined])
 
-    def _time(self, named: str | None) -> tuple[int, float]:
-        if named is not None:
-            place = column_index(named, self.headers, self.width, option="--time")
-            return place, (seconds_of(self.headers[place]) or 1.0 if self.headers else 1.0)
-        if not self.headers and len(self._table.places) == 4:
-            return 0, 1.0
-        candidates = [
-            (place, scale) for place, name in enumerate(self.headers) if (scale := seconds_of(name)) is not None
-        ]
-        if len(candidates) != 1:
-            raise ConfigError(f"{self.path}: {len(candidates) or 'no'} columns of time; give --rate in Hz, or --time")
-        return candidates[0]
+    def _time(self, named: str | None) -> TimeColumn:
+        if named is None and not self.headers and len(self._table.places) == 4:
+            named = "1"
+        try:
+            otherwise = "give --rate in Hz, or --time"
+            column = the_time(self.headers, self._table.first_rows, named, "--time", otherwise)
+        except ConfigError as error:
+            raise ConfigError(f"{self.path}: {error}") from error
+        if column.note:
+            self._notes.append(column.note)
+        return column
 
 
-def _check_pairs(path: Path, other: Path, time_s: Reals, other_time_s: Reals) -> None:
+def _are_pairs(time_s: Reals, other_time_s: Reals) -> bool:
+    """Return whether two logs have their samples at the same times, within a step."""
     if len(time_s) != len(other_time_s):
-        raise ConfigError(
-            f"{path} has {len(time_s)} rows and {other} {len(other_time_s)}; both need one row per sample"
-        )
-    apart_s = np.abs(time_s - other_time_s)
-    worst = int(apart_s.argmax())
-    if apart_s[worst] > float(np.median(np.diff(time_s))):
-        raise ConfigError(
-            f"{path} and {other}: sample {worst + 1} was taken at {time_s[worst]:g} s and "
-            f"{other_time_s[worst]:g} s; both need one row per sample"
-        )
+        return False
+    return bool((np.abs(time_s - other_time_s) <= np.median(np.diff(time_s))).all())
+
+
+def interpolate_readings(time_s: Reals, readings: Reals, at_s: Reals) -> Reals:
+    """Return readings, shape (n, axes), linearly interpolated at times; NaN outside their own times."""
+    return np.column_stack([np.interp(at_s, time_s, axis, left=math.nan, right=math.nan) for axis in readings.T])
 
 
 def filled_of(cells: Sequence[str], sensors: Sequence[Sequence[int]]) -> list[bool]:
@@ -314,6 +336,5 @@ def join_at_gyroscope(time_s: Reals, readings: Reals) -> tuple[NDArray[np.bool_]
         return np.zeros(len(time_s), dtype=np.bool_), np.empty((0, 6))
     rows = of_gyroscope & (time_s >= others_s[0]) & (time_s <= others_s[-1])
     joined = readings[rows]
-    for axis in range(3):
-        joined[:, axis] = np.interp(time_s[rows], others_s, others[:, axis])
+    joined[:, :3] = interpolate_readings(others_s, others, time_s[rows])
     return rows, joined

@@ -17,11 +17,11 @@ from hiltest.calibration.direction_error import predicted_direction_error
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.errors import ConfigError
-from hiltest.interfaces.sensor_files.columns import Unit
 from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.left_out import left_out
 from hiltest.log_fitting.sample_fit import fit_on_host
 from hiltest.log_fitting.samples import Samples, read_samples
+from hiltest.measurement.units import FieldUnit
 
 # Divisions of a log: first and second half, or odd and even pieces.
 CUTS = {"halves": 2, "tenths": 10}
@@ -66,7 +66,7 @@ def fit_folder(
     folder: Path,
     *,
     columns: str | None = None,
-    unit: Unit | None = None,
+    unit: FieldUnit | None = None,
     robust: bool = True,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Iterator[LogFit]:

@@ -1,12 +1,12 @@
-"""A log of angular rates from a file: columns, unit, sampling rate, and the longest part without a gap."""
+"""A log of angular rates from a file: columns, unit, sampling rate, and the longest part without a long gap."""
 
 from __future__ import annotations
 
-import csv
 import math
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 
 from hiltest.calibration.rest import density_of_changes, first_motion
 from hiltest.errors import CalibrationError, ConfigError
-from hiltest.interfaces.sensor_files.cells import is_number, shown
+from hiltest.interfaces.sensor_files.cells import number_in, shown
 from hiltest.interfaces.sensor_files.columns import (
     GYROSCOPE_STEM,
     axis_triples,
-    column_index,
+    column_hint,
     name_and_unit,
-    seconds_of,
+    some_columns,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
+from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
 from hiltest.log_fitting.time_stamps import even_stamps, gaps
 from hiltest.measurement.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
@@ -32,17 +33,17 @@ Reals = NDArray[np.float64]
 MAX_ROWS = 20_000_000
 _AXES = 3
 _LARGEST = 1e9  # deg/s or counts: no sensor's reading
-# Largest time of a clock: 3000 years in nanoseconds.
-_LATEST = 1e20
 #: Largest noise density of a gyroscope at rest [mdps/rtHz]: data sheets state 3 to 30.
 LARGEST_NOISE_MDPS = 100.0
+# Longest pause that is passed over, and all pauses, relative to the log: noise changes less than by its uncertainty.
+_LONGEST_PAUSE, _PAUSES = 0.01, 0.1
 # Range of sampling rates: outside, the time must be in another unit.
 _RATES_HZ = (1e-3, 1e6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RateLog:
-    """The longest part of a log without a gap."""
+    """The longest part of a log without a long gap; short pauses are passed over, as if no time had gone by."""
 
     path: Path
     columns: tuple[str, ...]
@@ -62,6 +63,13 @@ class RateLog:
     """Largest deviation of the part's time stamps from an even rate."""
     notes: tuple[str, ...] = ()
     """Remarks on skipped, recognised or assumed content of the file, one sentence each."""
+    paused_s: Reals | None = None
+    """Shape (n,), or None. Sum of the pauses before each sample of the part; None without pauses."""
+
+    def instant_s(self, place: int) -> float:
+        """Return the time of a sample of the part after the file's first row."""
+        paused_s = 0.0 if self.paused_s is None else float(self.paused_s[min(place, len(self.paused_s) - 1)])
+        return self.start_s + place / self.rate_hz + paused_s
 
     @property
     def is_in_degrees(self) -> bool:
@@ -73,8 +81,7 @@ class RateLog:
 class _Layout:
     places: tuple[int, ...]
     names: tuple[str, ...]
-    time: int | None
-    seconds: float
+    time: TimeColumn | None
 
 
 def read_rate_log(
@@ -115,18 +122,19 @@ def read_rate_log(
     table = open_table(path, fewest=1)
     headers = table.headers
     try:
-        layout = _layout(headers, table.width, columns, None if rate_hz else time, want_time=rate_hz is None)
+        layout = _layout(table, columns, None if rate_hz else time, want_time=rate_hz is None)
         file_unit = unit or _header_unit(layout.names if headers else (), otherwise)
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     times, values = _numbers(table, layout)
-    time_s = np.arange(len(values)) / rate_hz if rate_hz else layout.seconds * (times - times[0])
-    part, breaks = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
+    unit_s = 1.0 if layout.time is None else layout.time.unit_s
+    time_s = np.arange(len(values)) / rate_hz if rate_hz else unit_s * (times - times[0])
+    part, breaks, paused_s = _longest_part(time_s, first_s, last_s, even=rate_hz is not None)
     if part.stop - part.start < 2:
         raise CalibrationError(f"{path}: {part.stop - part.start} samples: too few for a noise log")
     if rate_hz is None:
         _check_steps(path, time_s[part])
-    found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part])
+    found_hz, jitter_s = (rate_hz, 0.0) if rate_hz else even_stamps(time_s[part] - paused_s)
     rates = values[part] * (DEGREES_PER_SECOND[file_unit] or 1.0)
     return RateLog(
         path,
@@ -138,7 +146,8 @@ def read_rate_log(
         breaks,
         float(time_s[part.start]),
         jitter_s,
-        table.notes,
+        (*table.notes, *([layout.time.note] if layout.time is not None and layout.time.note else [])),
+        paused_s if paused_s.any() else None,
     )
 
 
@@ -203,7 +212,7 @@ def check_rest(log: RateLog, *, noise_mdps: float = LARGEST_NOISE_MDPS) -> None:
         )
     if motion is None:
         return
-    at_s, first_s, last_s = (log.start_s + at / log.rate_hz for at in (motion.start, *motion.rest))
+    at_s, first_s, last_s = map(log.instant_s, (motion.start, *motion.rest))
     unit = "deg/s" if log.is_in_degrees else "counts"
     raise CalibrationError(
         f"{log.path}: it moved {at_s:.1f} s after the first row: {log.columns[motion.axis]} changed by "
@@ -212,39 +221,24 @@ def check_rest(log: RateLog, *, noise_mdps: float = LARGEST_NOISE_MDPS) -> None:
     )
 
 
-def _layout(headers: Sequence[str], width: int, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
-    if columns is not None:
-        requested = [name.strip() for name in next(csv.reader([columns], skipinitialspace=True), [])]
-        places = tuple(column_index(name, headers, width, option="--columns") for name in requested)
-        if not 1 <= len(places) <= 3 or len(set(places)) != len(places):
-            raise ConfigError(f"--columns {columns}: give one to three different columns")
-    else:
-        places = _guessed_columns(headers)
-    names = tuple(headers[place] if headers else str(place + 1) for place in places)
-    at, seconds = _time_column(headers, width, time) if want_time else (None, 1.0)
-    if at in places:
-        raise ConfigError(f"column {headers[at] if headers and at is not None else at} is given as time and as a rate")
-    return _Layout(places, names, at, seconds)
+def _layout(table: Table, columns: str | None, time: str | None, *, want_time: bool) -> _Layout:
+    headers, width = table.headers, table.width
+    places = _guessed_columns(table) if columns is None else some_columns(columns, headers, width, (1, 2, 3))
+    names = table.names(places)
+    otherwise = "name it with --time, or set the sample rate with --rate HZ"
+    clock = the_time(headers, table.first_rows, time, "--time", otherwise) if want_time else None
+    if clock is not None and clock.place in places:
+        raise ConfigError(f"column {table.names([clock.place])[0]} is given as time and as a rate")
+    return _Layout(places, names, clock)
 
 
-def _guessed_columns(headers: Sequence[str]) -> tuple[int, ...]:
-    triples = [places for stem, places in axis_triples(headers).items() if GYROSCOPE_STEM.search(stem)]
+def _guessed_columns(table: Table) -> tuple[int, ...]:
+    triples = [places for stem, places in axis_triples(table.headers).items() if GYROSCOPE_STEM.search(stem)]
     if len(triples) != 1:
-        shown = ", ".join(headers) or "without a header"
-        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); name them: --columns 2,3,4")
+        shown = ", ".join(table.headers) or "without a header"
+        hint = column_hint(table.headers, table.places, table.first_rows, triples or None)
+        raise ConfigError(f"cannot tell which columns are the gyroscope ({shown}); name them with --columns{hint}")
     return triples[0]
-
-
-def _time_column(headers: Sequence[str], width: int, time: str | None) -> tuple[int, float]:
-    if time is not None:
-        at = column_index(time, headers, width, option="--time")
-        return at, (seconds_of(headers[at]) if headers else None) or 1.0
-    times = [(at, seconds) for at, header in enumerate(headers) if (seconds := seconds_of(header)) is not None]
-    if len(times) != 1:
-        raise ConfigError(
-            "not exactly one column is called time; name it with --time, or set the sample rate with --rate HZ"
-        )
-    return times[0]
 
 
 def _header_unit(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
@@ -264,10 +258,12 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
         cells = [row.cells[place] for place in layout.places]
         if not any(cells):
             continue  # a row of another sensor
-        for cell, name in zip(cells, layout.names, strict=True):
-            values.append(_value(path, row.line, cell, name, "reading of a gyroscope"))
+        for place, name in zip(layout.places, layout.names, strict=True):
+            values.append(number_in(path, row, place, name, quantity="reading of a gyroscope", largest=_LARGEST))
+            if not math.isfinite(values[-1]):
+                raise ConfigError(f"{path}:{row.line}: column {name}: {shown(row.cells[place])} is not a number")
         if layout.time is not None:
-            time = _value(path, row.line, row.cells[layout.time], "time", "time", largest=_LATEST)
+            time = time_in(path, row, layout.time.place, table.names([layout.time.place])[0])
             if time < last_s:
                 raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is before the one above it, {last_s:.9g}")
             times.append(time)
@@ -280,15 +276,6 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
     return np.frombuffer(times, dtype=np.float64), np.frombuffer(values, dtype=np.float64).reshape(-1, count)
 
 
-def _value(path: Path, line: int, cell: str, name: str, quantity: str, *, largest: float = _LARGEST) -> float:
-    if not is_number(cell) or not math.isfinite(float(cell)):
-        comma = "; decimals need a point, not a comma" if is_number(cell.replace(",", ".")) and "," in cell else ""
-        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is not a number{comma}")
-    if abs(float(cell)) > largest:
-        raise ConfigError(f"{path}:{line}: column {name}: {shown(cell)} is no {quantity}")
-    return float(cell)
-
-
 def _check_steps(path: Path, time_s: Reals) -> None:
     step_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     if not 1.0 / _RATES_HZ[1] <= step_s <= 1.0 / _RATES_HZ[0]:
@@ -298,10 +285,29 @@ def _check_steps(path: Path, time_s: Reals) -> None:
         )
 
 
-def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int]:
-    """Return the rows of the longest part without a gap between two instants, and the number of gaps."""
+def _longest_part(time_s: Reals, first_s: float, last_s: float, *, even: bool) -> tuple[slice, int, Reals]:
+    """Return the rows of the longest part without a long gap between two instants, the number of gaps, and the pauses.
+
+    The pauses are those before each sample of the part [s]: how much later the stamps behind a gap are than even ones.
+    """
     begin, end = np.searchsorted(time_s, [first_s, last_s]).tolist()
     breaks = begin + gaps(time_s[begin:end]) if not even and end - begin > 2 else np.zeros(0, dtype=np.int64)
-    edges = [begin, *breaks.tolist(), end]
+    edges = np.array([begin, *breaks.tolist(), end])
+    if not len(breaks):
+        return slice(begin, end), 0, np.zeros(end - begin)
+    span_s = time_s[end - 1] - time_s[begin]
+    sizes = np.diff(edges)
+    parts_s = [time_s[first:last] for first, last in pairwise(edges.tolist()) if last - first > 1]
+    periods_s = [1.0 / even_stamps(part_s)[0] for part_s in parts_s]
+    # The variance of a slope goes as 1 / n^3.
+    period_s = float(np.average(periods_s, weights=sizes[sizes > 1].astype(float) ** 3))
+    starts_s = np.add.reduceat((time_s - period_s * np.arange(len(time_s)))[:end], edges[:-1]) / sizes
+    pauses_s = np.diff(starts_s)
+    if pauses_s.sum() <= _PAUSES * span_s:
+        edges = edges[[True, *(pauses_s > _LONGEST_PAUSE * span_s), True]]
     longest = int(np.argmax(np.diff(edges)))
-    return slice(edges[longest], edges[longest + 1]), len(breaks)
+    part = slice(int(edges[longest]), int(edges[longest + 1]))
+    paused_s = np.zeros(end)
+    paused_s[breaks] = pauses_s
+    paused_s[part.start] = 0.0
+    return part, len(breaks), np.cumsum(paused_s[part])

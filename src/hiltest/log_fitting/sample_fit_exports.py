@@ -14,9 +14,9 @@ from hiltest import __version__
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.c_source import c_float, comment_text
 from hiltest.errors import ConfigError
-from hiltest.interfaces.sensor_files.columns import MICROTESLA, Unit
 from hiltest.json_files import json_text
 from hiltest.log_fitting.fit_result import CalibratorFit, Matrix, SampleFit, Triple
+from hiltest.measurement.units import MICROTESLA, FieldUnit
 from hiltest.run_record.files import write_asked_for, write_document
 
 CALIBRATION_SCHEMA, FIT_SCHEMA = "hiltest.calibration/1", "hiltest.fit/1"
@@ -161,7 +161,7 @@ def export_ardupilot(fit: SampleFit, path: Path) -> None:
     ``corrected = M (field + COMPASS_OFS) + COMPASS_MOT value`` in milligauss, with the symmetric matrix M of
     COMPASS_DIA and COMPASS_ODI (ArduPilot, AP_Compass_Backend::correct_field).
     """
-    best, unit = fit.best, MICROTESLA[Unit(fit.unit)]
+    best, unit = fit.best, MICROTESLA[FieldUnit(fit.unit)]
     hard_iron, soft_iron = (np.array(number) for number in _numbers(best)[:2])
     if unit is None or best.gravity is not None:
         reason = "the unit of the log is unknown (--unit)" if unit is None else "it has a rotation, from gravity"

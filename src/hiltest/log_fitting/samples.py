@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,26 +15,28 @@ from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import LARGEST_READING, TableRow, TableRows, number_in, number_or_nan
 from hiltest.interfaces.sensor_files.columns import (
     ACCELEROMETER_STEM,
-    MICROTESLA,
-    Unit,
+    MAGNETOMETER_STEM,
     axis_triples,
     guessed_columns,
+    is_sensor,
     named_columns,
-    seconds_of,
+    some_columns,
+    stem_and_axis,
     unit_in_headers,
+    unit_in_text,
     unit_of,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
+from hiltest.interfaces.sensor_files.times import LATEST, TimeColumn, time_columns, time_or_nan, unwrap_midnights
 from hiltest.log_fitting.asked_units import asked_of_gravity
-from hiltest.measurement.units import ACCELERATION_WORDS, AccelerationUnit
+from hiltest.log_fitting.imu_log import LogColumns, interpolate_readings, read_imu_log
+from hiltest.measurement.units import ACCELERATION_WORDS, MICROTESLA, AccelerationUnit, FieldUnit
 
 Reals = NDArray[np.float64]
 
 # 24 MB of numbers, and three hours of a sensor at 80 Hz.
 MAX_ROWS = 1_000_000
 _AXES = 3
-# Largest time of a clock: 3000 years in nanoseconds.
-_LATEST = 1e20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +46,11 @@ class Samples:
     path: Path
     points: Reals
     """Shape (n, 3). Readings in `unit`, sensor frame, in the order of the file."""
-    unit: Unit
+    unit: FieldUnit
     unit_from: str
     """Source of the unit: ``option``, ``header``, or ``assumed``."""
-    columns: tuple[str, str, str]
-    """Names of the three columns, or their numbers from 1."""
+    columns: tuple[str, ...]
+    """Names of the three columns, or their numbers from 1; two for a compass with two axes, whose third reads 0."""
     skipped: int
     """Number of rows without three finite numbers."""
     lines: NDArray[np.int64] | None = None
@@ -77,18 +79,18 @@ class Samples:
 class _Layout:
     """Columns of a table and their meaning."""
 
-    places: tuple[int, int, int]
-    names: tuple[str, str, str]
+    places: tuple[int, ...]
+    names: tuple[str, ...]
     accelerometer: tuple[int, ...]
     accelerometer_names: tuple[str, ...]
     strict: bool
     """True to refuse accelerometer cells that are not numbers, because an option names the columns."""
-    time: tuple[int, float] | None
+    time: TimeColumn | None
     notes: tuple[str, ...]
 
 
 def read_samples(
-    path: Path, *, columns: str | None = None, unit: Unit | None = None, accelerometer_columns: str | None = None
+    path: Path, *, columns: str | None = None, unit: FieldUnit | None = None, accelerometer_columns: str | None = None
 ) -> Samples:
     """Read magnetometer samples from a text table.
 
@@ -111,7 +113,7 @@ def read_samples(
     table = open_table(path)
     try:
         layout = _layout(table, columns, accelerometer_columns)
-        unit_found = unit or unit_of(layout.names if table.headers else ())
+        unit_found = unit or unit_of(layout.names if table.headers else ()) or unit_in_text(table.text)
         acceleration_unit = _acceleration_unit(layout) if table.headers else AccelerationUnit.COUNTS
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
@@ -123,7 +125,7 @@ def read_samples(
     return Samples(
         path,
         numbers[:, :_AXES].copy(),
-        unit_found or Unit.COUNTS,
+        unit_found or FieldUnit.COUNTS,
         "option" if unit else "header" if unit_found else "assumed",
         layout.names,
         skipped,
@@ -136,12 +138,35 @@ def read_samples(
     )
 
 
+def join_accelerometer(samples: Samples, path: Path, columns: str | None = None) -> Samples:
+    """Return samples with the readings of an accelerometer's own log, linearly interpolated at their times.
+
+    Raises
+    ------
+    ConfigError
+        When one of the logs has no times, or they have no time in common; see `read_imu_log`.
+    """
+    log = read_imu_log(path, columns=LogColumns(accelerometer=columns))
+    if samples.time_s is None:
+        raise ConfigError(f"{samples.path}: no column of rising times, by which {path} could be joined")
+    acceleration = interpolate_readings(log.time_s, log.acceleration, samples.time_s)
+    if np.isnan(acceleration).all():
+        raise ConfigError(f"{samples.path} and {path} have no time in common")
+    count = int(np.isfinite(acceleration[:, 0]).sum())
+    note = f"{path} was joined by time: it has the acceleration of {count} of {len(acceleration)} readings."
+    notes = (*samples.notes, *log.notes, note)
+    return replace(samples, acceleration=acceleration, acceleration_unit=log.acceleration_unit, notes=notes)
+
+
 def _layout(table: Table, columns: str | None, accelerometer_columns: str | None) -> _Layout:
     headers, width, notes = table.headers, table.width, []
     if columns is not None:
-        places = named_columns(columns, headers, width)
+        places = some_columns(columns, headers, width, (3, 2))
     else:
-        places = guessed_columns(headers, table.places, table.index)
+        places = guessed_columns(headers, table.places, table.index, table.first_rows)
+        file, parts = table.path.stem.lower(), filter(None, map(stem_and_axis, table.names(places)))
+        if is_sensor(file) and not MAGNETOMETER_STEM.search(file) and not any(stem for stem, _ in parts):
+            raise ConfigError("the file has the name of another sensor; if it is wrong, name the columns: --columns")
         if table.index is not None and places == table.places[1:]:
             notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")
     accelerometer: tuple[int, ...] = ()
@@ -154,19 +179,16 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
             if ACCELEROMETER_STEM.search(stem) and not set(triple) & set(places)
         ]
         accelerometer = triples[0] if len(triples) == 1 else ()
-    times = [
-        (place, scale_s)
-        for place, header in enumerate(headers)
-        if (scale_s := seconds_of(header)) is not None and place not in places
-    ]
-    x, y, z = table.names(places)
+    times = time_columns(headers, table.first_rows, (*places, *accelerometer))
+    if times and times[0].note:
+        notes.append(times[0].note)
     return _Layout(
         places,
-        (x, y, z),
+        table.names(places),
         accelerometer,
         table.names(accelerometer),
         accelerometer_columns is not None,
-        times[0] if len(times) == 1 else None,
+        times[0] if times else None,
         tuple(notes),
     )
 
@@ -183,13 +205,16 @@ def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
 def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
     """Return one row per sample: x, y, z, the accelerometer's if present, the time; their lines; the skipped rows."""
     path, values, lines, skipped = table.path, array("d"), array("q"), 0
-    places, largest = [*layout.places, *layout.accelerometer], [LARGEST_READING] * (_AXES + len(layout.accelerometer))
+    flat = _AXES - len(layout.places)
+    places = [*layout.places, *layout.accelerometer]
+    largest = [LARGEST_READING] * len(places)
     if layout.time is not None:
-        places, largest = [*places, layout.time[0]], [*largest, _LATEST]
+        places, largest = [*places, layout.time.place], [*largest, LATEST]
     for row in table.rows_of_numbers(places, largest):
         if isinstance(row, TableRows):
             without_time = np.full((len(row.numbers), int(layout.time is None)), math.nan)
-            values.frombytes(np.column_stack([row.numbers, without_time]).tobytes())
+            numbers = np.insert(row.numbers, [len(layout.places)] * flat, 0.0, axis=1)
+            values.frombytes(np.column_stack([numbers, without_time]).tobytes())
             lines.extend(range(row.line, row.line + len(row.numbers)))
             _refuse_too_many(path, lines)
             continue
@@ -200,9 +225,9 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], i
         if not all(map(math.isfinite, reading)):
             skipped += 1
             continue
-        values.extend(reading)
+        values.extend(reading + [0.0] * flat)
         values.extend(_acceleration(path, row, layout))
-        values.append(row.arrived_s if layout.time is None else number_or_nan(row.cells[layout.time[0]], _LATEST))
+        values.append(row.arrived_s if layout.time is None else time_or_nan(row.cells[layout.time.place]))
         lines.append(row.line)
         _refuse_too_many(path, lines)
     if not lines:
@@ -225,8 +250,10 @@ def _acceleration(path: Path, row: TableRow, layout: _Layout) -> list[float]:
     return [number_or_nan(row.cells[place], LARGEST_READING) for place in layout.accelerometer]
 
 
-def _rising(times: Reals, column: tuple[int, float] | None) -> Reals | None:
+def _rising(times: Reals, column: TimeColumn | None) -> Reals | None:
     """Return times in seconds, of arrival without a column; None if one is missing or they decrease."""
+    if column is None or column.is_clock:
+        times = unwrap_midnights(times)
     if not bool((np.diff(times, prepend=times[0]) >= 0.0).all()):
         return None
-    return times if column is None else times * column[1]
+    return times if column is None else times * column.unit_s

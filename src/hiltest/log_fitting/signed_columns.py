@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hiltest.interfaces.sensor_files.columns import Unit
 from hiltest.log_fitting.samples import Samples, read_samples
+from hiltest.measurement.units import FieldUnit
 
 
 def read_signed_samples(
-    path: Path, *, columns: str | None = None, unit: Unit | None = None, accelerometer_columns: str | None = None
+    path: Path, *, columns: str | None = None, unit: FieldUnit | None = None, accelerometer_columns: str | None = None
 ) -> Samples:
     """Read samples like `read_samples`; a minus before one of the magnetometer's columns negates it.
 
@@ -30,5 +30,5 @@ def read_signed_samples(
         f'"{name}"' if "," in name else name for name in (signed_name.removeprefix("-") for signed_name in names)
     )
     read = read_samples(path, columns=bare, unit=unit, accelerometer_columns=accelerometer_columns)
-    x, y, z = (f"-{name}" if sign < 0.0 else name for name, sign in zip(read.columns, signs, strict=True))
-    return replace(read, points=read.points * np.array(signs), columns=(x, y, z))
+    signed = tuple(f"-{name}" if sign < 0.0 else name for name, sign in zip(read.columns, signs, strict=True))
+    return replace(read, points=read.points * np.resize([*signs, 1.0], 3), columns=signed)

@@ -8,6 +8,44 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
+class FieldUnit(StrEnum):
+    """Unit of magnetometer samples; the scale of counts is unknown."""
+
+    UT = "uT"
+    NT = "nT"
+    MT = "mT"
+    T = "T"
+    GAUSS = "gauss"
+    MG = "mG"
+    COUNTS = "counts"
+
+
+#: Size of a unit in microtesla; None if unknown.
+MICROTESLA: dict[FieldUnit, float | None] = {
+    FieldUnit.UT: 1.0,
+    FieldUnit.NT: 1e-3,
+    FieldUnit.MT: 1e3,
+    FieldUnit.T: 1e6,
+    FieldUnit.GAUSS: 100.0,
+    FieldUnit.MG: 0.1,
+    FieldUnit.COUNTS: None,
+}
+
+_COUNTS = ("counts", "count", "lsb", "raw", "adc")
+
+#: Words for units of fields, as `unit_word` writes them.
+FIELD_WORDS = {
+    **dict.fromkeys(("ut", "microtesla", "utesla", "microt", "microteslas"), FieldUnit.UT),
+    **dict.fromkeys(("nt", "nanotesla", "ntesla"), FieldUnit.NT),
+    **dict.fromkeys(("mt", "millitesla", "mtesla"), FieldUnit.MT),
+    **dict.fromkeys(("tesla", "teslas"), FieldUnit.T),
+    **dict.fromkeys(("gauss", "gs", "ga"), FieldUnit.GAUSS),
+    **dict.fromkeys(("mgauss", "milligauss", "mgs", "mga"), FieldUnit.MG),
+    # Shimmer's calibrated field, relative to the local one.
+    **dict.fromkeys((*_COUNTS, "local_flux", "local"), FieldUnit.COUNTS),
+}
+
+
 class RateUnit(StrEnum):
     """Unit of gyroscope samples; the scale of counts is unknown."""
 
@@ -27,13 +65,15 @@ DEGREES_PER_SECOND: dict[RateUnit, float | None] = {
     RateUnit.COUNTS: None,
 }
 
-#: Words for units of rates, in lower case.
+#: Words for units of rates, as `unit_word` writes them.
 RATE_WORDS = {
-    **dict.fromkeys(("deg/s", "dps", "°/s", "degs", "deg"), RateUnit.DPS),
+    **dict.fromkeys(
+        ("deg/s", "dps", "°/s", "degs", "deg", "deg/sec", "degree/s", "degrees/s", "degrees/sec"), RateUnit.DPS
+    ),
     "mdps": RateUnit.MDPS,
-    **dict.fromkeys(("rad/s", "rads", "rad", "si"), RateUnit.RAD_S),
+    **dict.fromkeys(("rad/s", "rads", "rad", "rad/sec", "radians/s", "radpersec", "si"), RateUnit.RAD_S),
     "deg/h": RateUnit.DEG_H,
-    **dict.fromkeys(("counts", "count", "lsb"), RateUnit.COUNTS),
+    **dict.fromkeys(_COUNTS, RateUnit.COUNTS),
 }
 
 
@@ -54,12 +94,29 @@ GRAVITIES: dict[AccelerationUnit, float | None] = {
     AccelerationUnit.COUNTS: None,
 }
 
+#: Words for units of accelerations, as `unit_word` writes them.
 ACCELERATION_WORDS = {
     "g": AccelerationUnit.G,
     "mg": AccelerationUnit.MG,
-    **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "ms2", "si"), AccelerationUnit.MS2),
-    **dict.fromkeys(("counts", "count", "lsb"), AccelerationUnit.COUNTS),
+    **dict.fromkeys(("m/s2", "ms2", "m/s/s", "m/sec2", "mps2", "ms-2", "si"), AccelerationUnit.MS2),
+    **dict.fromkeys(_COUNTS, AccelerationUnit.COUNTS),
 }
+
+# In lower case these are the g of accelerometers, and times or temperatures.
+_CAPITALS = {"G": "gauss", "mG": "mgauss", "T": "tesla"}
+# Unicode has two micro signs. Powers and products have several spellings.
+_SPELLINGS = str.maketrans({"µ": "u", "μ": "u", "²": "2", "^": "", "*": "", "(": "", ")": "", " ": ""})
+
+
+def unit_word(written: str) -> str:
+    """Return a unit as the tables of words have it.
+
+    Examples
+    --------
+    >>> unit_word("µT"), unit_word("mG"), unit_word("mg"), unit_word("m/(s^2)")
+    ('ut', 'mgauss', 'mg', 'm/s2')
+    """
+    return _CAPITALS.get(written.strip(), written).lower().translate(_SPELLINGS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,26 +132,14 @@ def _conversions_by_word(factors: Mapping[str, float | None]) -> dict[str, Conve
     return {word: Conversion(factor) for word, factor in factors.items() if factor is not None}
 
 
-# Conversions by target unit. People write the words in upper or lower case, and Unicode has two micro signs.
+# Conversions by target unit.
 _CONVERSIONS: dict[str, dict[str, Conversion]] = {
     "deg": _conversions_by_word(
         {"deg": 1.0, "°": 1.0, "degrees": 1.0, "rad": math.degrees(1.0), "mrad": math.degrees(1e-3)}
     ),
     "dps": _conversions_by_word({word: DEGREES_PER_SECOND[unit] for word, unit in RATE_WORDS.items()}),
     "g": _conversions_by_word({word: GRAVITIES[unit] for word, unit in ACCELERATION_WORDS.items()}),
-    "uT": _conversions_by_word(
-        {
-            "uT": 1.0,
-            "µT": 1.0,
-            "μT": 1.0,
-            "nT": 1e-3,
-            "mT": 1e3,
-            "T": 1e6,
-            "gauss": 100.0,
-            "Gs": 100.0,
-            "mgauss": 0.1,
-        }
-    ),
+    "uT": _conversions_by_word({word: MICROTESLA[unit] for word, unit in FIELD_WORDS.items()}),
     "degC": {
         "degC": Conversion(),
         "°C": Conversion(),
@@ -107,9 +152,7 @@ _CONVERSIONS: dict[str, dict[str, Conversion]] = {
     "Hz": {"Hz": Conversion()},
     "": {"": Conversion(), "1": Conversion()},
 }
-_BY_LOWER = {unit: {word.lower(): factor for word, factor in words.items()} for unit, words in _CONVERSIONS.items()}
-# Units of a field, with a capital; in lower case they are the g of accelerometers.
-_GAUSS = {"G": "gauss", "mG": "mgauss"}
+_BY_WORD = {unit: {unit_word(word): factor for word, factor in words.items()} for unit, words in _CONVERSIONS.items()}
 
 
 def conversion(word: str, unit: str) -> Conversion | None:
@@ -122,10 +165,11 @@ def conversion(word: str, unit: str) -> Conversion | None:
     >>> conversion("mG", "uT"), conversion("K", "degC"), conversion("uT", "deg")
     (Conversion(factor=0.1, offset=0.0), Conversion(factor=1.0, offset=-273.15), None)
     """
-    written = _GAUSS.get(word.strip(), word.strip()) if unit == "uT" else word.strip()
-    return _BY_LOWER[unit].get(written.lower())
+    return _BY_WORD[unit].get(unit_word(word if unit == "uT" else word.lower()))
 
 
 def unit_words(unit: str) -> list[str]:
-    """Return the words that `conversion` can convert to a unit."""
-    return [word for word in _CONVERSIONS[unit] if word.isascii() and word]
+    """Return words that `conversion` can convert to a unit: one for each unit of a sensor."""
+    units: dict[str, type[StrEnum]] = {"dps": RateUnit, "g": AccelerationUnit, "uT": FieldUnit}
+    words = map(str, units.get(unit, _CONVERSIONS[unit]))
+    return [word for word in words if word.isascii() and word not in ("", "counts")]

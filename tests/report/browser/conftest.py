@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hiltest.calibration.allan import allan_curve
-from hiltest.log_fitting import Samples, Unit
+from hiltest.log_fitting import FieldUnit, Samples
 from hiltest.log_fitting.allan_page import write_page
 from hiltest.log_fitting.rate_log import RateLog, RateUnit
 from hiltest.log_fitting.sample_fit import fit_on_host
@@ -140,7 +140,7 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """Each page in turn, as the file that a user opens."""
     path = tmp_path / f"{request.param}.html"
     if request.param == "fit":
-        cloud = Samples(Path("cloud.csv"), golden_points(300) / 10.0, Unit.UT, "option", ("x", "y", "z"), 0)
+        cloud = Samples(Path("cloud.csv"), golden_points(300) / 10.0, FieldUnit.UT, "option", ("x", "y", "z"), 0)
         path.write_text(fit_page(fit_on_host(cloud), cloud), encoding="utf-8")
     elif request.param == "allan":
         rates = np.random.default_rng(1).normal(size=(2000, 3))

@@ -1,34 +1,40 @@
-"""Forms of tables of readings: rows of cells below a text, MotionCal's lines, lines of JSON."""
+"""Forms of tables of readings: rows of cells below a text, lines that name their numbers, JSON."""
 
 from __future__ import annotations
 
 import csv
+import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
+from itertools import chain, pairwise, zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
 from hiltest.errors import ConfigError
-from hiltest.interfaces.sensor_files.cells import is_number, shown
-from hiltest.interfaces.sensor_files.columns import axis_triples
+from hiltest.interfaces.sensor_files.cells import TableRow, is_number, shown
+from hiltest.interfaces.sensor_files.columns import axis_triples, is_sensor, is_unit, seconds_of
+from hiltest.interfaces.sensor_files.named_lines import MOTION_CAL_NOTE, ROS_TIME, NamedLines, ros_stamp
 from hiltest.interfaces.sensor_files.parsed_lines import Line
 from hiltest.json_files import parse_json
 
 _AXES = 3
+_FEWEST_TAGS = 2
 # Separators of cells in the order of trial; blanks if a line has none of them.
 _DELIMITERS = ("\t", ";", ",")
-_MOTION_CAL = re.compile(r"Raw:(?:\s*-?\d{1,9}\s*,){8}\s*-?\d{1,9}\s*$")
-# Counts per unit in the output of PJRC's and Adafruit's sketches for MotionCal.
-_MOTION_CAL_COLUMNS = {
-    **dict.fromkeys(("ax_g", "ay_g", "az_g"), 8192.0),
-    **dict.fromkeys(("gx_dps", "gy_dps", "gz_dps"), 16.0),
-    **dict.fromkeys(("mx_uT", "my_uT", "mz_uT"), 10.0),
-}
 _LIST_OF_THREE = re.compile(r"\[[^][,]*,[^][,]*,[^][,]*\]")
-_LIST_OF_ROWS = re.compile(r"\[\s*[\[{]")
+# A list of rows or of a column.
+_LONG_LIST = re.compile(r"\[\s*[\[{]|\[[^][,]*(?:,[^][,]*){3}")
+# A document of JSON, not a list of numbers or a word in brackets.
+_JSON_START = re.compile(r"\s*(?:\[\s*(?:[\[{]|$)|\{\s*(?:\"|$))")
+# Rows of a JSON document whose keys are its columns.
+_FIRST_ROWS = 100
+# Cells in a row below the names of sensors.
+_PARTS_OF_NAMES = frozenset(("", "x", "y", "z", "cal", "raw", "uncal"))
+_BRACKETED_UNIT = re.compile(r"\s*[(\[][^)\]]*[)\]]$")
+# The sensor of a row, in a cell of it.
+_TAG = re.compile(r"(?:[\w./ -]*[\W_])?(?:un)?(?:cal)?(?:mag|acc|gyr)[a-z]*", re.IGNORECASE)
 # More digits than any number of a column or row has, and few enough to be read at once.
 _DIGITS = 10
 # "1,234" is ambiguous: 1234 or 1.234.
@@ -51,25 +57,25 @@ class Form:
     width: int
     first: int
     """Index of the first line of readings."""
-    split: Callable[[str], tuple[str, ...]]
-    """Returns the cells of a line, or raises a ValueError with the reason."""
+    rows: Callable[[Iterable[Line]], Iterator[TableRow]]
+    """Yields the rows of lines, with cells that may not fit the width; raises a ConfigError for a line that is none."""
     preamble: int = 0
     """Number of lines before the table."""
-    begins: str = ""
-    """Prefix of the table's lines; others are not part of it."""
     notes: list[str] = field(default_factory=list)
-    """Remarks on recognised or assumed properties, one sentence each; `split` may add to them."""
+    """Remarks on recognised or assumed properties, one sentence each; `rows` may add to them."""
     separated: Separated | None = None
-    """Separators of `split`; None if the lines are not separated text."""
+    """Separators of a table's cells; None if the lines are not separated text."""
 
 
-def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
+def form_of(path: Path, lines: Sequence[Line], others: Iterator[Line], fewest: int) -> Form:
     """Return the form of the table that begins in the first lines of a file.
 
     Parameters
     ----------
     lines
         Lines, at least one.
+    others
+        Lines behind them, which only a document of JSON consumes.
     fewest
         Minimum count of numbers in a row of readings that may have a header above it.
 
@@ -78,66 +84,117 @@ def form_of(path: Path, lines: Sequence[Line], fewest: int) -> Form:
     ConfigError
         When the start of the table is unclear; the message has the line.
     """
-    return _motion_cal(lines) or _json_lines(lines) or _delimited_form(path, lines, fewest)
-
-
-def _motion_cal(lines: Sequence[Line]) -> Form | None:
-    if not any(_MOTION_CAL.match(line.text) for line in lines):
-        return None
-    note = (
-        "Lines that begin with Raw: were read as MotionCal's: acceleration at 8192 counts for 1 g, rates at 16 for "
-        "1 deg/s, field at 10 for 1 uT."
+    return (
+        _json_lines(path, lines)
+        or _json_document(path, lines, others)
+        or _named_lines(lines)
+        or _delimited_form(path, lines, fewest)
     )
-    return Form(tuple(_MOTION_CAL_COLUMNS), len(_MOTION_CAL_COLUMNS), 0, _motion_cal_cells, begins="Raw:", notes=[note])
 
 
-def _motion_cal_cells(text: str) -> tuple[str, ...]:
-    if not _MOTION_CAL.match(text):
-        raise ValueError("not nine whole numbers behind Raw:")
-    counts = text.removeprefix("Raw:").split(",")
-    return tuple(str(int(cell) / scale) for cell, scale in zip(counts, _MOTION_CAL_COLUMNS.values(), strict=True))
+def form_of_rows(rows: Sequence[dict[str, str]], count: int) -> Form | None:
+    """Return the form of rows that are read already, with the columns of the first `count`; None without any."""
+
+    def values(_: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
+        return ((Line(number, "\n", "", math.nan), row) for number, row in enumerate(rows, 1))
+
+    return _json_form(rows[:count], values, (), f"first {count} rows", ())
 
 
-def _json_lines(lines: Sequence[Line]) -> Form | None:
+def _named_lines(lines: Sequence[Line]) -> Form | None:
+    named = NamedLines(lines)
+    if not named.columns:
+        return None
+    notes = [MOTION_CAL_NOTE] if named.is_motion_cal else []
+
+    def rows(lines: Iterable[Line]) -> Iterator[TableRow]:
+        yield from named.rows(lines)
+        if named.others:
+            notes.append(f"{named.others} lines without a named reading were skipped.")
+
+    return Form(named.columns, len(named.columns), 0, rows, notes=notes)
+
+
+def _json_lines(path: Path, lines: Sequence[Line]) -> Form | None:
     first = next((place for place, line in enumerate(lines) if line.text.lstrip().startswith("{")), None)
     if first is None or not all(line.text.lstrip().startswith("{") for line in lines[first : first + 2]):
         return None
-    if len(lines) == first + 1 and _LIST_OF_ROWS.search(lines[first].text):
+    is_document = len(lines) == first + 1 and _LONG_LIST.search(lines[first].text)
+    if is_document or lines[0].text.startswith("["):
         return None  # one JSON document that contains its rows
-    names: dict[str, None] = {}
+    found = []
     for line in lines[first:]:
         with suppress(ValueError):  # the row parser reports the error
-            names |= dict.fromkeys(_values(line.text))
+            found.append(_values(line.text))
+
+    def values(lines: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
+        for line in lines:
+            try:
+                yield line, _values(line.text)
+            except ValueError as error:
+                if line.text.endswith("\n"):
+                    raise ConfigError(f"{path}:{line.number}: {error}") from error
+                yield line, {}
+
+    texts = [line.text for line in lines[first:]]
+    return _json_form(found, values, lines[:first], f"first {len(lines)} lines", texts)
+
+
+def _json_document(path: Path, lines: Sequence[Line], others: Iterator[Line]) -> Form | None:
+    """Return the form of one JSON document with its rows in lists of objects or lists, or its columns in lists."""
+    if not _JSON_START.match(lines[0].text):
+        return None
+    with suppress(ValueError):  # a first line that is JSON by itself begins other forms
+        parse_json(lines[0].text)
+        if len(lines) > 1:
+            return None
+    text = "".join(line.text for line in chain(lines, others))
+    try:
+        rows = [_joined(dict(_flat(row, ""))) for row in _rows_of(parse_json(text))]
+    except ValueError as error:
+        raise ConfigError(f"{path}: JSON, but no table of readings: {error}") from error
+
+    return form_of_rows(rows, _FIRST_ROWS)
+
+
+def _json_form(
+    first_rows: Sequence[dict[str, str]],
+    values: Callable[[Iterable[Line]], Iterator[tuple[Line, dict[str, str]]]],
+    skipped: Sequence[Line],
+    looked_at: str,
+    texts: Sequence[str],
+) -> Form | None:
+    names = list(dict.fromkeys(name for row in first_rows for name in row))
     if not names:
         return None
-    notes = _skipped_notes(lines[:first])
-    if any(_LIST_OF_THREE.search(line.text) for line in lines[first:]):
+    notes = _skipped_notes(skipped)
+    if any(map(_LIST_OF_THREE.search, texts)):
         notes.append("Lists of three numbers in JSON were taken as x, y and z.")
-    unread: set[str] = set()
 
-    def cells(text: str) -> tuple[str, ...]:
-        values = _values(text)
-        if not unread and (others := values.keys() - names):
-            unread.update(others)
-            notes.append(
-                f"Keys of JSON that are not in the first {len(lines)} lines, such as {shown(min(others))}, "
-                "were not read."
-            )
-        return tuple([values.get(name, "") for name in names])
+    def rows(lines: Iterable[Line]) -> Iterator[TableRow]:
+        unread: set[str] = set()
+        for line, row in values(lines):
+            if not unread and (late := row.keys() - names):
+                unread.update(late)
+                notes.append(
+                    f"Keys of JSON that are not in the {looked_at}, such as {shown(min(late))}, were not read."
+                )
+            yield TableRow(line.number, tuple([row.get(name, "") for name in names]) if row else (), line.arrived_s)
 
-    return Form(tuple(names), len(names), first, cells, first, notes=notes)
+    headers = () if all(map(str.isdigit, names)) else tuple(names)  # rows in lists
+    return Form(headers, len(names), len(skipped), rows, len(skipped), notes)
 
 
 def _values(text: str) -> dict[str, str]:
     """Return the values of a JSON object, by keys with dots between the levels; raise a ValueError for other text."""
-    content = parse_json(text)
+    content = parse_json(text.strip().removesuffix(","))
     if not isinstance(content, dict):
         raise ValueError("not an object")
     pairs = list(_flat(content, ""))
     values = dict(pairs)
     if len(values) < len(pairs):
         raise ValueError("two keys are the same when levels are joined by points")
-    return values
+    return _joined(values)
 
 
 def _flat(value: object, name: str) -> Iterator[tuple[str, str]]:
@@ -152,6 +209,49 @@ def _flat(value: object, name: str) -> Iterator[tuple[str, str]]:
         yield from _flat(inner_value, f"{name}.{key}" if name else key)
 
 
+def _joined(values: dict[str, str]) -> dict[str, str]:
+    """Return values with ROS's time in one, and with the name of a row's sensor before the names of its values."""
+    if stamp := ros_stamp(values):
+        values = {ROS_TIME: stamp, **values}
+    tag = next((value for value in values.values() if _TAG.fullmatch(value)), "") or values.get("sensor", "")
+    if not tag or is_number(tag):
+        return values
+    return {name if seconds_of(name) is not None else f"{tag}.{name}": value for name, value in values.items()}
+
+
+def _rows_of(content: object) -> list[object]:
+    """Return the rows of a JSON document, or raise a ValueError."""
+    if isinstance(content, list) and content and all(isinstance(row, (dict, list)) for row in content):
+        return content
+    if not isinstance(content, dict):
+        raise ValueError("no list of objects")
+    columns = dict(_columns(content, ""))
+    lengths = set(map(len, columns.values()))
+    if len(columns) > 1 and len(lengths) == 1:
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    tables: dict[str, list[object]] = {}
+    for key, value in content.items():
+        with suppress(ValueError):
+            tables[key] = _rows_of(value)
+    if not tables:
+        raise ValueError("no list of objects, and no lists of equal length")
+    return [
+        {key: row} if len(tables) > 1 or isinstance(row, list) or is_sensor(key) else row
+        for key, rows in tables.items()
+        for row in rows
+    ]
+
+
+def _columns(content: dict[str, object], name: str) -> Iterator[tuple[str, list[object]]]:
+    """Yield the lists of numbers in an object, also pandas' objects with numbered rows, by their names."""
+    for key, inner in content.items():
+        value = list(inner.values()) if isinstance(inner, dict) and all(map(str.isdigit, inner)) else inner
+        if isinstance(value, dict):
+            yield from _columns(value, f"{name}{key}.")
+        elif isinstance(value, list) and not any(isinstance(cell, (dict, list)) for cell in value):
+            yield f"{name}{key}", value
+
+
 def _delimited_form(path: Path, lines: Sequence[Line], fewest: int) -> Form:
     """Return the form of rows of cells, which may have text above them.
 
@@ -162,25 +262,24 @@ def _delimited_form(path: Path, lines: Sequence[Line], fewest: int) -> Form:
         look = _Look(path, lines, own, decimal)
         place = look.fitting(fewest)
         if place is not None:
-            begin, has_header = look.begin(place, fewest)
-            return look.form(begin, has_header=has_header)
+            return look.form(*look.begin(place, fewest))
         looks = {delimiter: _Look(path, lines, delimiter, decimal) for delimiter in (*_DELIMITERS, None)}
         for place, line in enumerate(lines):
             look = looks[_delimiter(line.text)]
             if look.may_begin(place, max(fewest, _AXES)):
-                has_header = look.has_header_above(place)
-                if not has_header:
+                begin, first, headers = look.header(place)
+                if not headers:
                     look.refuse_lost(place)
-                return look.form(place - has_header, has_header=has_header)
+                return look.form(begin, first, headers)
     if lines[0].text.lstrip().startswith(("{", "[{", "[[")) or lines[0].text.strip() == "[":
-        raise ConfigError(f"{path}: JSON, but not an object on each line; jq -c writes it so")
+        raise ConfigError(f"{path}: JSON, but neither one document nor an object on each line")
     # There are no readings, which the reader reports.
     look = _Look(path, lines, own, ".")
     try:
         look.cells(lines[0].text)
     except ValueError as error:
         raise ConfigError(f"{path}:{lines[0].number}: {error}") from error
-    return look.form(0, has_header=look.numbers(0) < fewest)
+    return look.form(0, 1, look.rows[0]) if look.numbers(0) < fewest else look.form(0, 0, ())
 
 
 class _Look:
@@ -216,17 +315,43 @@ class _Look:
             (place for place in places if self.may_begin(place, fewest) and _fits(self.rows[0], self.rows[place])), None
         )
 
-    def begin(self, place: int, fewest: int) -> tuple[int, bool]:
-        """Return the first row of a table whose first row fits its first readings, and whether it is a header."""
-        if self.numbers(0) >= fewest:
-            return 0, False
-        named = self.has_header_above(place) and axis_triples(self.rows[place - 1]) and not axis_triples(self.rows[0])
-        return place - 1 if named else 0, True
+    def begin(self, place: int, fewest: int) -> tuple[int, int, tuple[str, ...]]:
+        """Return the first row, the first row of readings, and the header of a table.
 
-    def has_header_above(self, place: int) -> bool:
-        """Return whether the row just above one of readings has a name for each of its cells."""
-        above = self.rows[place - 1] if place else ()
-        return any(above) and not self.numbers(place - 1) and _fits(above, self.rows[place])
+        The table's first row fits its first readings.
+        """
+        if self.numbers(0) >= fewest:
+            return 0, 0, ()
+        begin, first, headers = self.header(place)
+        if headers and (begin == 0 or (axis_triples(headers) and not axis_triples(self.rows[0]))):
+            return begin, first, headers
+        return 0, 1, self.rows[0]
+
+    def header(self, place: int) -> tuple[int, int, tuple[str, ...]]:
+        """Return the first row of the header just above a row of readings, that row, and the names: none without one.
+
+        A header may have a row of names of sensors, one of axes, and one of units.
+        """
+        if not self._is_header(place - 1, place):
+            return place, place, ()
+        begin, names = place - 1, self.rows[place - 1]
+        units: tuple[str, ...] = ()
+        if _are_units(names) and self._is_header(begin - 1, place):
+            begin, names, units = begin - 1, self.rows[begin - 1], names
+        while _are_axes(names) and self._is_header(begin - 1, place):
+            begin, names = begin - 1, _join_sensors(self.rows[begin - 1], names)
+        if units:
+            names = tuple(
+                [
+                    f"{name} [{unit.strip('()[]')}]" if unit else name
+                    for name, unit in zip_longest(names, units, fillvalue="")
+                ]
+            )
+        return begin, place, names
+
+    def _is_header(self, at: int, place: int) -> bool:
+        """Return whether a row has a name for each cell of one of readings."""
+        return at >= 0 and any(self.rows[at]) and not self.numbers(at) and _fits(self.rows[at], self.rows[place])
 
     def refuse_lost(self, place: int) -> None:
         """Refuse to skip possible readings, or a header that does not fit them."""
@@ -246,9 +371,9 @@ class _Look:
                     f"{self.lines[place].number}, where readings begin; correct or delete the line"
                 )
 
-    def form(self, begin: int, *, has_header: bool) -> Form:
-        """Return the form of a table that begins at a row."""
-        headers, first = (self.rows[begin], begin + 1) if has_header else (self._comment(begin), begin)
+    def form(self, begin: int, first: int, headers: tuple[str, ...]) -> Form:
+        """Return the form of a table with its header from one row on, and its readings from another."""
+        headers = headers or self._comment(begin)
         notes = _skipped_notes(self.lines[:begin])
         if not headers and _is_numbered(self.rows[first : first + 2]):
             notes.append(
@@ -263,9 +388,37 @@ class _Look:
             self.delimiter.encode() if self.delimiter else None,
             b"." if self.delimiter == "," else self.decimal.encode(),
         )
-        return Form(
-            headers, len(headers or self.rows[begin]), first, self.cells, begin, notes=notes, separated=separated
-        )
+        width = len(headers or self.rows[begin])
+        form = Form(headers, width, first, self.table_rows, begin, notes, separated)
+        return self._form_by_sensor(form) or form
+
+    def _form_by_sensor(self, form: Form) -> Form | None:
+        """Return the form of a table in which a cell of each row names its sensor; None if no column has two names."""
+        rows = [row for row in self.rows[form.first :] if len(row) == form.width]
+        tags = [set(cells) for cells in zip(*rows, strict=True) if any(map(_TAG.fullmatch, cells))]
+        if len(set(form.headers)) < form.width or max(map(len, tags), default=0) < _FEWEST_TAGS:
+            return None
+
+        def values(lines: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
+            for line in lines:
+                cells = self.cells(line.text)
+                row = dict(zip(form.headers, cells, strict=True)) if len(cells) == form.width else {}
+                yield line, _joined(row)
+
+        first_rows = [_joined(dict(zip(form.headers, row, strict=True))) for row in rows]
+        by_sensor = _json_form(first_rows, values, self.lines[: form.first], f"first {len(self.lines)} lines", ())
+        return by_sensor and replace(by_sensor, preamble=form.preamble, notes=form.notes)
+
+    def table_rows(self, lines: Iterable[Line]) -> Iterator[TableRow]:
+        """Yield the cells of lines."""
+        for line in lines:
+            try:
+                cells = self.cells(line.text)
+            except ValueError as error:
+                if line.text.endswith("\n"):
+                    raise ConfigError(f"{self.path}:{line.number}: {error}") from error
+                cells = ()
+            yield TableRow(line.number, cells, line.arrived_s)
 
     def _comment(self, place: int) -> tuple[str, ...]:
         """Return the header in a comment above a row."""
@@ -283,6 +436,27 @@ class _Look:
                 f"{self.path}:{self.lines[first].number}: is {shown(cells[0])} above one thousand, or "
                 "below? Save the file with decimal points"
             )
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    units = sum(map(is_unit, cells))
+    return units >= _AXES or (units > 0 and all(not cell or is_unit(cell, other=True) for cell in cells))
+
+
+def _are_axes(cells: Sequence[str]) -> bool:
+    parts = [cell.lower() in _PARTS_OF_NAMES or is_unit(cell, other=True) for cell in cells]
+    return all(parts) and any(cells) and not any(map(is_unit, cells))
+
+
+def _join_sensors(sensors: Sequence[str], axes: Sequence[str]) -> tuple[str, ...]:
+    """Return names of columns from a row with the name of each sensor above its first axis."""
+    names, sensor = [], ""
+    for above, axis in zip_longest(sensors, axes, fillvalue=""):
+        sensor = above or (sensor if axis else "")
+        unit = _BRACKETED_UNIT.search(sensor)
+        bare = sensor[: unit.start()] if unit and axis else sensor
+        names.append(f"{bare} {axis}{unit[0] if unit and axis else ''}".strip())
+    return tuple(names)
 
 
 def _is_numbered(rows: Sequence[tuple[str, ...]]) -> bool:

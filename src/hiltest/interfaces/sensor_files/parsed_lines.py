@@ -22,8 +22,24 @@ _MOST_BYTES = 512 << 20
 #: First bytes of a UTF-16 file, such as PowerShell writes with >.
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _COMMENTS = ("#", "%", "//")
-# Time stamps of serial monitors before a line: Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ".
-_STAMP = re.compile(r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:\.\d{1,9})?) -?> ?")
+# First characters of lines that may have a prefix: a colour, a bracket, a digit, a level.
+_BEFORE_PREFIX = ("\x1b", "[", "<", *"0123456789EWIDV")
+# Bytes of a document of JSON, which may be one line and is in memory as a whole.
+_LONGEST_DOCUMENT = 64 << 20
+# Colours of a terminal, also without the escape character that a monitor may remove.
+_COLOURS = re.compile(r"\x1b\[[\d;]*[A-Za-z]|\[\d{1,2}(?:;\d{1,3})+m|\[0m")
+_CLOCK = r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,:]\d{1,9})?)(?:,\d{3})?Z?"
+# What serial monitors and logging libraries write before a line, in this order: a time in brackets or before an arrow
+# (Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ", "[2024-03-05 12:34:56.789] "), seconds in brackets
+# ("[    1.234567] "), and level and module of ESP-IDF, Zephyr, ESPHome and ROS.
+_PREFIXES = (
+    re.compile(rf"(?P<open>\[)?(?:[\w ,./-]{{5,16}}[T ])?{_CLOCK}(?(open)(?: \d{{4}})?\](?:\s*-?>)?|\s*-?>) ?"),
+    re.compile(r"\[\s*(?P<seconds>\d+\.\d{3,9})\]\s+(?=[A-Za-z])"),
+    re.compile(rf"[EWIDV] \((?:(?P<ms>\d+)|{_CLOCK})\) [^\s:]{{1,40}}: "),
+    re.compile(r"<(?:err|wrn|inf|dbg)> [^\s:]{1,60}: "),
+    re.compile(r"(?:\[[A-Z]+\])?\[[\w. ]{1,40}:\d+\](?:\[[^\]]{1,40}\])?: ?"),
+    re.compile(r"\[(?:DEBUG|INFO|WARN|ERROR)\] \[(?P<seconds>\d+\.\d+)\] ?(?:\[[^\]]{1,80}\])?: "),
+)
 # Bytes of plain lines, which need no decoding and are not comments.
 _PLAIN = bytes({*range(0x20, 0x7F), *b"\t\r\n"} - {*b"#%/"})
 
@@ -38,14 +54,14 @@ class Line(NamedTuple):
     comment: str
     """Comment line just before, without its mark."""
     arrived_s: float
-    """Time of day from a serial monitor [s]; NaN without one."""
+    """Time of day, or since a start, from a prefix [s]; NaN without one."""
 
 
 class Lines:
     """The lines of a file, for one pass: UTF-8, or UTF-16 with its mark; without `#`, `%` or `//` comments.
 
-    A file whose name ends in .gz is decompressed. Time stamps of a serial monitor before each line are removed. Many
-    plain lines can be read at once, see `ahead`.
+    A file whose name ends in .gz is decompressed. Colours are removed, and what serial monitors and logging libraries
+    write before a line. Many plain lines can be read at once, see `ahead`.
 
     Raises
     ------
@@ -56,7 +72,7 @@ class Lines:
     def __init__(self, path: Path) -> None:
         self._path, self._number, self._size = path, 0, 0
         self._file: io.BufferedReader | gzip.GzipFile | None = None
-        self._stamped: bool | None = None
+        self._stamped = False
         self._reach, self._refused_to = _LONGEST_LINE, 0
 
     def __iter__(self) -> Iterator[Line]:
@@ -113,10 +129,9 @@ class Lines:
         comment, arrived_s = "", math.nan
         for text in self._decoded(file):
             stripped = text.strip()
-            if self._stamped is None and stripped:
-                self._stamped = _STAMP.match(stripped) is not None
-            if self._stamped:
-                arrived_s, text = _split_stamp(text)
+            if stripped[:1] in _BEFORE_PREFIX:
+                arrived_s, text = _split_prefix(text)
+                self._stamped = self._stamped or not math.isnan(arrived_s)
                 stripped = text.strip()
             if stripped.startswith(_COMMENTS):
                 comment = stripped.removeprefix(next(mark for mark in _COMMENTS if stripped.startswith(mark)))
@@ -146,7 +161,10 @@ class Lines:
                 raw = raw.removeprefix(b"\xef\xbb\xbf")
             if b"\0" in raw:
                 raise ConfigError(f"{self._where}: a zero byte: this is a binary file, not a text table")
-            if len(raw) > _LONGEST_LINE:
+            if len(raw) > _LONGEST_LINE and self._number == 1 and raw.lstrip()[:1] in (b"[", b"{"):
+                raw += lines.readline(_LONGEST_DOCUMENT)
+                self._size += len(raw)
+            elif len(raw) > _LONGEST_LINE:
                 raise ConfigError(f"{self._where}: the line is longer than {_LONGEST_LINE} bytes: no table of readings")
             try:
                 yield raw.decode("utf-8")
@@ -155,13 +173,19 @@ class Lines:
                 raise ConfigError(f"{self._where}: byte 0x{bad:02x} is not UTF-8; save the file as UTF-8") from error
 
 
-def _split_stamp(text: str) -> tuple[float, str]:
-    """Split a line into its time stamp [s] and its text; NaN without a stamp."""
-    stamp = _STAMP.match(text)
-    if stamp is None:
-        return math.nan, text
-    seconds_s = 3600.0 * int(stamp["hours"]) + 60.0 * int(stamp["minutes"]) + float(stamp["seconds"])
-    return seconds_s, text[stamp.end() :]
+def _split_prefix(text: str) -> tuple[float, str]:
+    """Split a line into the time of its prefixes [s] and its text without colours; NaN without a time."""
+    text, arrived_s = _COLOURS.sub("", text), math.nan
+    for prefix in _PREFIXES:
+        if (matched := prefix.match(text)) is None:
+            continue
+        text, parts = text[matched.end() :], matched.groupdict()
+        if parts.get("seconds"):
+            seconds_s = float(re.sub("[,:]", ".", parts["seconds"]))
+            arrived_s = 3600.0 * int(parts.get("hours") or 0) + 60.0 * int(parts.get("minutes") or 0) + seconds_s
+        elif parts.get("ms"):
+            arrived_s = 1e-3 * int(parts["ms"])
+    return arrived_s, text
 
 
 class _Utf16:

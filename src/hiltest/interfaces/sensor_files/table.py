@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 
 from hiltest.errors import ConfigError
+from hiltest.interfaces.sensor_files.binary_logs import read_binary
 from hiltest.interfaces.sensor_files.cells import Reals, TableRow, TableRows, is_number
-from hiltest.interfaces.sensor_files.forms import Form, Separated, counts, form_of
+from hiltest.interfaces.sensor_files.columns import add_ros_units
+from hiltest.interfaces.sensor_files.forms import Form, Separated, counts, form_of, form_of_rows
 from hiltest.interfaces.sensor_files.parsed_lines import Line, Lines
 
 # Number of lines within which a table must begin. An index column counts in all of them, at least three.
@@ -40,21 +43,26 @@ class Table:
         Comment line just above the table.
     preamble : int
         Number of lines above the table.
+    first_rows : list of tuple of str
+        Cells of the first rows that fit the table.
+    text : str
+        Lines above the table.
     """
 
     def __init__(self, path: Path, lines: Lines, others: Iterator[Line], looked_at: Sequence[Line], form: Form) -> None:
         self.path, self._form = path, form
-        self.headers, self.width, self.preamble = form.headers, form.width, form.preamble
+        self.headers, self.width, self.preamble = add_ros_units(form.headers), form.width, form.preamble
         first = looked_at[form.preamble]
         self.comment, self._stamped = first.comment, not math.isnan(first.arrived_s)
-        rows = [cells for line in looked_at[form.first :] if len(cells := self._cells(line.text)) == self.width]
+        rows = self._first_rows(looked_at[form.first :])
+        self.first_rows = rows
+        self.text = "\n".join(line.text for line in looked_at[: form.preamble])
         separator = not self.headers and bool(rows) and not any(row[-1] for row in rows)
         self.places = tuple(range(self.width - separator))
         self.index = 0 if _is_index(self.headers, [row[0] for row in rows]) else None
         self._ends_in_number = bool(rows) and is_number(rows[0][-1])
         self._lines = chain(looked_at[form.first :], others)
         self._behind, self._looked_to = lines, looked_at[-1].number
-        self._others = 0
         self._cut: int | None = None
 
     def names(self, places: Sequence[int]) -> tuple[str, ...]:
@@ -66,9 +74,7 @@ class Table:
         """Remarks on skipped, recognised or assumed content, one sentence each; complete after the rows are read."""
         notes = list(self._form.notes)
         if self._stamped:
-            notes.insert(0, "The time before each line was taken as that at which a serial monitor got the line.")
-        if self._others:
-            notes.append(f"{self._others} lines that do not begin with {self._form.begins} were skipped.")
+            notes.insert(0, "The time before each line was taken as that of its reading.")
         if self._cut is not None:
             notes.append(f"The last line, {self._cut}, is cut off and was skipped.")
         return tuple(notes)
@@ -81,17 +87,16 @@ class Table:
         ConfigError
             At a row without; the message has file and line.
         """
-        split, width, begins = self._form.split, self.width, self._form.begins
-        for number, text, _, arrived_s in self._lines:
-            if begins and not text.startswith(begins):
-                self._others += 1
-                continue
-            try:
-                cells = split(text)
-            except ValueError as error:
-                if text.endswith("\n"):
-                    raise ConfigError(f"{self.path}:{number}: {error}") from error
-                cells = ()
+        width, text = self.width, "\n"
+
+        def lines() -> Iterator[Line]:
+            nonlocal text
+            for line in self._lines:
+                text = line.text
+                yield line
+
+        for row in self._form.rows(lines()):
+            number, cells, arrived_s = row
             if len(cells) != width:
                 cells = self._fit_separator(cells)
             if text[-1] != "\n" and self._is_cut(cells):
@@ -147,11 +152,14 @@ class Table:
         except ValueError:
             return None
 
-    def _cells(self, text: str) -> tuple[str, ...]:
-        try:
-            return self._form.split(text)
-        except ValueError:
-            return ()
+    def _first_rows(self, lines: Sequence[Line]) -> list[tuple[str, ...]]:
+        """Return the rows of the first lines that fit the table."""
+        rows: list[tuple[str, ...]] = []
+        notes = list(self._form.notes)
+        with suppress(ConfigError):  # reading the rows reports it
+            rows.extend(row.cells for row in self._form.rows(lines) if len(row.cells) == self.width)
+        self._form.notes[:] = notes
+        return rows
 
     def _fit_separator(self, cells: tuple[str, ...]) -> tuple[str, ...]:
         """Return a row with or without a trailing separator, like the header."""
@@ -167,7 +175,7 @@ class Table:
 
 
 def open_table(path: Path, *, fewest: int = 3) -> Table:
-    """Open the table of a file: comma, semicolon, tab or blanks between cells, MotionCal's lines, or lines of JSON.
+    """Open the table of a file: separated cells, lines that name their numbers, JSON, or a binary log.
 
     Parameters
     ----------
@@ -182,11 +190,15 @@ def open_table(path: Path, *, fewest: int = 3) -> Table:
         When the file cannot be read or has no table; the message has file and line.
     """
     lines = Lines(path)
+    if (rows := read_binary(path)) is not None:
+        if (form := form_of_rows(rows, len(rows))) is None:
+            raise ConfigError(f"{path}: no message of a magnetometer, an accelerometer or a gyroscope")
+        return Table(path, lines, iter(()), [Line(1, "\n", "", math.nan)], form)
     remaining_lines = iter(lines)
     looked_at = list(islice(remaining_lines, _LOOKED_AT))
     if not looked_at:
         raise ConfigError(f"{path}: the file is empty")
-    return Table(path, lines, remaining_lines, looked_at, form_of(path, looked_at, fewest))
+    return Table(path, lines, remaining_lines, looked_at, form_of(path, looked_at, remaining_lines, fewest))
 
 
 def _is_index(headers: Sequence[str], cells: Sequence[str]) -> bool:

@@ -14,26 +14,26 @@ import numpy as np
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import LARGEST_READING, TableRow, number_in
 from hiltest.interfaces.sensor_files.columns import (
+    ACCELEROMETER_STEM,
+    GYROSCOPE_STEM,
+    MAGNETOMETER_STEM,
     axis_triples,
-    column_index,
     incomplete_triples,
     name_and_unit,
     named_columns,
-    seconds_of,
 )
-from hiltest.interfaces.sensor_files.table import open_table
+from hiltest.interfaces.sensor_files.table import Table, open_table
+from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
 from hiltest.orientation.motion_recording import MotionRecording
 from hiltest.rig.recorded_motion import UNITS, PlaybackFile, PlayedSensor, factor_of
 from hiltest.world.recorded_motion import Reals, Sensed, Track
 
 # Five hours at 100 Hz.
 MAX_ROWS = 2_000_000
-# Largest time of a clock: 3000 years in nanoseconds.
-_LATEST = 1e20
 _STEMS = {
-    Sensed.MAGNETOMETER: re.compile(r"mag|compass|^[mb]$"),
-    Sensed.ACCELEROMETER: re.compile(r"acc|^[af]$"),
-    Sensed.GYROSCOPE: re.compile(r"gyr|^[gw]$|omega"),
+    Sensed.MAGNETOMETER: MAGNETOMETER_STEM,
+    Sensed.ACCELEROMETER: ACCELEROMETER_STEM,
+    Sensed.GYROSCOPE: GYROSCOPE_STEM,
 }
 # Comment that `hiltest log` writes about a virtual board.
 _CLOCK_BEGAN = re.compile(r"hiltest log: .*clock began (?P<began>[0-9.]+) s after power-on")
@@ -89,13 +89,17 @@ def read_table(path: Path, settings: PlaybackFile) -> Recorded:
             f"{', '.join(headers) or f'{width} columns without a header'}; name them under "
             '[world.playback.magnetometer] and so on: columns = ["mx", "my", "mz"]'
         )
-    time, scale_s = _time(path, settings, headers, width)
+    time = _time(path, settings, table)
     times: dict[Sensed, array[float]] = {sensed: array("d") for sensed in by_sensor}
     readings: dict[Sensed, array[float]] = {sensed: array("d") for sensed in by_sensor}
     for number, row in enumerate(table.rows()):
         if number == MAX_ROWS:
             raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
-        row_s = number / (settings.rate_hz or 1.0) if time is None else _row_time(path, row, time, headers, scale_s)
+        row_s = (
+            number / (settings.rate_hz or 1.0)
+            if time is None
+            else (time.unit_s * time_in(path, row, time.place, table.names([time.place])[0]))
+        )
         for sensed, columns in by_sensor.items():
             _take(path, row, row_s, columns, times[sensed], readings[sensed])
     tracks = {
@@ -103,8 +107,9 @@ def read_table(path: Path, settings: PlaybackFile) -> Recorded:
     }
     if not tracks:
         raise ConfigError(f"{path}: no row has a reading")
+    notes = (*table.notes, *([time.note] if time is not None and time.note else []))
     began = _CLOCK_BEGAN.search(table.comment)
-    return Recorded(tracks, float(began["began"]) if began else None, table.notes)
+    return Recorded(tracks, float(began["began"]) if began else None, notes)
 
 
 def _columns(path: Path, sensed: Sensed, settings: PlayedSensor, headers: Sequence[str], width: int) -> _Columns | None:
@@ -136,7 +141,7 @@ def _refuse_incomplete(path: Path, sensed: Sensed, headers: Sequence[str]) -> No
 
 
 def _factor(path: Path, sensed: Sensed, settings: PlayedSensor, names: Sequence[str]) -> float:
-    words = {name_and_unit(name)[1] for name in names}
+    words = {name_and_unit(name)[1] for name in names} - {""}
     word = settings.unit or (words.pop() if len(words) == 1 else "")
     factor = factor_of(word, UNITS[sensed.key]) if word else None
     if factor is None:
@@ -148,27 +153,14 @@ def _factor(path: Path, sensed: Sensed, settings: PlayedSensor, names: Sequence[
     return factor
 
 
-def _time(path: Path, settings: PlaybackFile, headers: Sequence[str], width: int) -> tuple[int | None, float]:
+def _time(path: Path, settings: PlaybackFile, table: Table) -> TimeColumn | None:
     if settings.rate_hz is not None:
-        return None, 1.0
-    if settings.time is not None:
-        place = column_index(settings.time, headers, width, option="world.playback.time")
-        return place, (seconds_of(headers[place]) or 1.0 if headers else 1.0)
-    candidates = [(place, scale) for place, name in enumerate(headers) if (scale := seconds_of(name)) is not None]
-    if len(candidates) != 1:
-        count = len(candidates) or "no"
-        raise ConfigError(
-            f"{path}: {count} columns of time; name one with world.playback.time, or give world.playback.rate_hz"
-        )
-    return candidates[0]
-
-
-def _row_time(path: Path, row: TableRow, place: int, headers: Sequence[str], scale_s: float) -> float:
-    name = headers[place] if headers else str(place + 1)
-    value = number_in(path, row, place, name, quantity="time", largest=_LATEST)
-    if not math.isfinite(value):
-        raise ConfigError(f"{path}:{row.line}: column {name}: no number: every row needs its time")
-    return scale_s * value
+        return None
+    otherwise = "name one with world.playback.time, or give world.playback.rate_hz"
+    try:
+        return the_time(table.headers, table.first_rows, settings.time, "world.playback.time", otherwise)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def _take(

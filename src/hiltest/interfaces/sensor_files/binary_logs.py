@@ -1,0 +1,118 @@
+"""Binary logs of autopilots and robots, read by the packages of the extra ``hiltest[logs]``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
+
+from hiltest.errors import ConfigError
+
+Rows = Iterator[dict[str, object]]
+
+# Units by message and the beginning of a field's name, from ArduPilot's log documentation and PX4's messages.
+_ARDUPILOT = {"MAG": ("mG", "Mag"), "IMU": ("m/s2", "Acc"), "BAT": ("A", "Curr"), "BARO": ("degC", "Temp")}
+_PX4 = {"sensor_mag": "gauss", "sensor_accel": "m/s2", "sensor_gyro": "rad/s", "battery_status": "A"}
+_ROS = ("MagneticField", "Imu", "Temperature", "BatteryState")
+_ROS_VECTORS = {"magnetic_field": "T", "linear_acceleration": "m/s2", "angular_velocity": "rad/s"}
+_MOST_ROWS = 2_000_000
+
+
+def read_binary(path: Path) -> list[dict[str, str]] | None:
+    """Return the rows of a binary log, one for each message, as texts by names with units; None for another file.
+
+    Raises
+    ------
+    ConfigError
+        When a package for this kind of log is missing, or refuses it.
+    """
+    if not path.is_file() or path.suffix == ".gz":
+        return None
+    with path.open("rb") as file:
+        begin = file.read(32)
+    found = next(((name, reader) for mark, name, reader in _KINDS if begin.startswith(mark)), None)
+    if found is None:
+        return None
+    name, reader = found
+    rows: list[dict[str, str]] = []
+    try:
+        for row in reader(path):
+            rows.append({key: str(value) for key, value in row.items()})
+            if len(rows) > _MOST_ROWS:
+                raise ConfigError(f"{path}: more than {_MOST_ROWS} messages of sensors; cut the log")
+    except ImportError as error:
+        raise ConfigError(f"{path}: {name} is read by a package: pip install 'hiltest[logs]' ({error})") from error
+    except ConfigError:
+        raise
+    except Exception as error:  # packages raise anything at a damaged log
+        raise ConfigError(f"{path}: {name} cannot be read: {error or type(error).__name__}") from error
+    return rows
+
+
+def _ardupilot(path: Path) -> Rows:
+    from pymavlink.DFReader import DFReader_binary
+
+    with closing(DFReader_binary(str(path))) as log:
+        while (message := log.recv_match(type=[*_ARDUPILOT])) is not None:
+            kind = message.get_type()
+            unit, begin = _ARDUPILOT[kind]
+            row = {"TimeUS [us]": message.TimeUS}
+            for name, value in message.to_dict().items():
+                if name.startswith((begin, "Gyr")):
+                    own_unit = "rad/s" if name.startswith("Gyr") else unit
+                    row[f"{kind}{getattr(message, 'I', 0)}.{name} [{own_unit}]"] = value
+            yield row
+
+
+def _px4(path: Path) -> Rows:
+    from pyulog import ULog
+
+    rows = []
+    with path.open("rb") as file:
+        tables = ULog(file, [*_PX4]).data_list
+    for data in tables:
+        fields = [name for name in ("x", "y", "z", "temperature", "current_a") if name in data.data]
+        units = ["degC" if name == "temperature" else _PX4[data.name] for name in fields]
+        names = [f"{data.name}{data.multi_id}.{name} [{unit}]" for name, unit in zip(fields, units, strict=True)]
+        columns = [data.data[name].tolist() for name in ("timestamp", *fields)]
+        rows += [dict(zip(("timestamp [us]", *names), row, strict=True)) for row in zip(*columns, strict=True)]
+    yield from sorted(rows, key=lambda row: float(row["timestamp [us]"]))
+
+
+def _betaflight(path: Path) -> Rows:
+    from orangebox import Parser
+
+    log = Parser.load(str(path))
+    names = ["time [us]" if name == "time" else name for name in log.field_names]
+    for frame in log.frames():
+        yield {name: value for name, value in zip(names, frame.data, strict=False) if value is not None}
+
+
+def _ros(path: Path) -> Rows:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    bag = path if path.suffix == ".bag" else path.parent
+    with AnyReader([bag], default_typestore=get_typestore(Stores.LATEST)) as reader:
+        connections = [topic for topic in reader.connections if topic.msgtype.rpartition("/")[2] in _ROS]
+        for connection, _, data in reader.messages(connections=connections):
+            message = reader.deserialize(data, connection.msgtype)
+            stamp = message.header.stamp
+            row: dict[str, object] = {"time [s]": f"{stamp.sec + 1e-9 * stamp.nanosec:.9f}"}
+            for name, unit in _ROS_VECTORS.items():
+                for axis in "xyz" if hasattr(message, name) else "":
+                    row[f"{connection.topic}.{name}.{axis} [{unit}]"] = getattr(getattr(message, name), axis)
+            for name, unit in (("temperature", "degC"), ("current", "A")):
+                if hasattr(message, name):
+                    row[f"{connection.topic}.{name} [{unit}]"] = getattr(message, name)
+            yield row
+
+
+_KINDS: tuple[tuple[bytes, str, Callable[[Path], Rows]], ...] = (
+    (b"\xa3\x95", "ArduPilot's log", _ardupilot),
+    (b"ULog\x01\x12\x35", "PX4's ULog", _px4),
+    (b"H Product:Blackbox", "Betaflight's blackbox", _betaflight),
+    (b"\x89MCAP0\r\n", "ROS 2's bag", _ros),
+    (b"SQLite format 3\0", "ROS 2's bag", _ros),
+    (b"#ROSBAG V2", "ROS 1's bag", _ros),
+)
