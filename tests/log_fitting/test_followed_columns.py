@@ -12,7 +12,7 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.log_fitting import read_samples
 from hiltest.log_fitting.fit_result import SampleFit
-from hiltest.log_fitting.followed_columns import without_following
+from hiltest.log_fitting.followed_columns import subtract_followed
 from hiltest.log_fitting.sample_fit import fit_on_host
 from hiltest.log_fitting.sample_fit_exports import export_ardupilot, export_json
 
@@ -34,7 +34,7 @@ def _log(path: Path, *, first_c: float = 20.0) -> Path:
 
 
 def _fit(path: Path, column: str = "current_A") -> SampleFit:
-    rest, following = without_following(read_samples(path), [column])
+    rest, following = subtract_followed(read_samples(path), [column])
     return replace(fit_on_host(rest, "direct"), following=following)
 
 
@@ -51,7 +51,7 @@ def test_the_calibration_is_that_of_the_readings_without_the_current(tmp_path: P
 
 def test_the_hard_iron_is_stated_at_the_mean_of_a_column_that_is_never_near_zero(tmp_path: Path) -> None:
     path = _log(tmp_path / "log.csv")
-    _, following = without_following(read_samples(path), ["current_A", "temperature (degC)"])
+    _, following = subtract_followed(read_samples(path), ["current_A", "temperature (degC)"])
     current, warming = following.columns
     assert (current.reference, warming.reference, warming.unit) == (0.0, pytest.approx(30.0, abs=1e-3), "degC")
 
@@ -61,7 +61,7 @@ def test_readings_without_a_number_in_the_column_are_left_out(tmp_path: Path) ->
     lines = path.read_text(encoding="utf-8").splitlines()
     lines[1:11] = [",".join([*line.split(",")[:3], "nan", "20"]) for line in lines[1:11]]
     path.write_text("\n".join(lines), encoding="utf-8")
-    rest, _ = without_following(read_samples(path), ["current_A"])
+    rest, _ = subtract_followed(read_samples(path), ["current_A"])
     assert len(rest.points) == 1190
 
 
@@ -71,7 +71,7 @@ def test_readings_without_a_number_in_the_column_are_left_out(tmp_path: Path) ->
 def test_a_column_that_is_missing_or_constant_is_named(tmp_path: Path, column: str, complaint: str) -> None:
     path = _log(tmp_path / "log.csv", first_c=40.0)
     with pytest.raises(ConfigError, match=complaint):
-        without_following(read_samples(path), [column])
+        subtract_followed(read_samples(path), [column])
 
 
 def test_ardupilot_s_formula_corrects_as_the_exported_json_does(tmp_path: Path) -> None:

@@ -178,9 +178,9 @@ def fit(
         read = _part(read, first, last, steady=steady)
     following = None
     if followed:
-        from hiltest.log_fitting.followed_columns import following_sentences, without_following
+        from hiltest.log_fitting.followed_columns import following_sentences, subtract_followed
 
-        read, following = without_following(read, followed, robust=robust != "none")
+        read, following = subtract_followed(read, followed, robust=robust != "none")
     fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)
     extra = [] if following is None else following_sentences(following, fitted.unit)
     extra += [] if at is None else [_compare_with_model(fitted, at)]

@@ -27,7 +27,7 @@ _NEAR_ZERO = 0.1
 _UNIT = re.compile(r"[_\s([]+(m?A|degC|°?C|K|m?V|%|us)[)\]]?$")
 
 
-def without_following(samples: Samples, names: Sequence[str], *, robust: bool = True) -> tuple[Samples, Following]:
+def subtract_followed(samples: Samples, names: Sequence[str], *, robust: bool = True) -> tuple[Samples, Following]:
     """Return samples without the iron that follows some columns, and that iron; see `fit_following`.
 
     Parameters

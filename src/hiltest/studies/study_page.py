@@ -27,7 +27,7 @@ def study_table(study: Study, run: Run) -> Table:
 def page(study: Study, run: Run) -> str:
     """Return the page: the answer, the plot, the printed and measured figures, and the table."""
     table = study_table(study, run)
-    with_interval = _with_interval(table)
+    with_interval = _interval_columns(table)
     shown = [place for place in range(len(table.columns)) if not with_interval & {place - 1, place - 2}]
     headings = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns]
     return render(
@@ -47,7 +47,7 @@ def page(study: Study, run: Run) -> str:
     )
 
 
-def _with_interval(table: Table) -> set[int]:
+def _interval_columns(table: Table) -> set[int]:
     """Return the places of the columns whose next two are the ends of an interval."""
     names = [column.name for column in table.columns]
     return {
