@@ -13,7 +13,7 @@ from hiltest.judge.filter_scores import PhaseScore
 from hiltest.judge.judgement import ALL, EntryResult, JudgeDocument, ranks_with
 from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, RIG, WORLDS
 from hiltest.measurement.estimates import Estimate
-from hiltest.report.marks import KeyEntry, series
+from hiltest.report.marks import SERIES, KeyEntry, series
 from hiltest.report.page import render
 from hiltest.report.svg import Figure
 from hiltest.text import format_number
@@ -196,8 +196,10 @@ def _figure(entries: Sequence[EntryResult]) -> Figure | None:
     )
     for number, (entry, cycles, middle, high) in enumerate(drawn):
         style, mark = series(number)
+        fill = "filled" if number < len(SERIES) else "hollow"  # shapes repeat
+        mark_style, radius = f"{style} {fill}", 5.0 if entry.role == "hiltest" else 7.0
         figure.bars([(cycles, middle.value, high)], style)
-        figure.series(entry.name, [(cycles, middle.value)], mark=mark, mark_style=f"{style} filled", radius=5.0)
+        figure.series(entry.name, [(cycles, middle.value)], mark=mark, mark_style=mark_style, radius=radius)
     figure.level(1.0, "limit")
     figure.key.append(KeyEntry("bound", "limit"))
     return figure
