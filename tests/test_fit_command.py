@@ -185,7 +185,7 @@ def test_force_has_nothing_to_export_without_a_calibration(clouds: Path) -> None
         ([], "Missing argument 'LOG'"),
         (["gone.csv"], "gone.csv: No such file"),
         (["good.csv", "--columns", "a,b,c"], "no column 'a' among 3; the columns are mx_uT, my_uT, mz_uT"),
-        (["good.csv", "--unit", "tesla"], "'tesla' is not one of 'uT', 'gauss', 'counts'"),
+        (["good.csv", "--unit", "tesla"], "'tesla' is not one of 'uT', 'nT', 'mT', 'T', 'gauss', 'mG', 'counts'"),
         (["good.csv", "--calibrator", "kalman"], "the firmware has no calibrator 'kalman'"),
         (["good.csv", "--calibrator", "kalman", "--on", "host"], "'kalman' has no float64 reference"),
         (["good.csv", "--on", "host", "--firmware", "mine.elf"], "--firmware is for the virtual board"),

@@ -151,7 +151,7 @@ def test_json_has_every_measurement(changed: Changed) -> None:
 def test_what_changed_is_readable_at_80_columns(changed: Changed) -> None:
     import pty
 
-    values = {"heading.direct-stream.max_centred": 2.5, "cycles.corrected.total": 14_586, "cycles.dpi.total": 109_621}
+    values = {"heading.direct-stream.max_centred": 2.5, "cycles.corrected.total": 14_586, "cycles.joint.total": 109_621}
     base, new = changed("base"), changed("new", values=values)
     leader, follower = pty.openpty()
     environment = {**os.environ, "TERM": "dumb", "COLUMNS": "80"}
@@ -344,7 +344,7 @@ def test_detect_says_how_many_runs_a_side_see_a_change(changed: Changed, tmp_pat
         "19 at 5 % for this measurement alone, and at most four times as many"
     )
     assert 163 < needed["heading.direct.max"] < 600
-    assert 628 < needed["heading.dpi.max"] < 2500
+    assert 194 < needed["heading.joint.max"] < 777
     assert re.search(r"^heading\.direct\.rms +\S+ +\d+ +1 +0\.01 *$", done.stdout, re.M), "one seed, paired"
     programs = json.loads(hiltest("compare", "--json", "--detect", "0.05deg", baseline).stdout)
     (detection,) = (

@@ -50,7 +50,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     "noise_mdps",
     metavar="MDPS",
     type=NumberRange(1e-6),
-    help="Refuse a log with a larger noise density [mdps/rtHz] as moved; see the data sheet.  [default: 100]",
+    help="Accept at most this noise density [mdps/rtHz], as in the data sheet, of a sensor at rest.  [default: 100]",
 )
 @click.option("--to", "last", metavar="S", type=NumberRange(0.0), default=math.inf, help="End before this time.")
 @json_option("hiltest.allan/1")
