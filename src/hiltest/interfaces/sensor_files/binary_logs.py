@@ -41,7 +41,8 @@ def read_binary(path: Path) -> list[dict[str, str]] | None:
             if len(rows) > _MOST_ROWS:
                 raise ConfigError(f"{path}: more than {_MOST_ROWS} messages of sensors; cut the log")
     except ImportError as error:
-        raise ConfigError(f"{path}: {name} is read by a package: pip install 'hiltest[logs]' ({error})") from error
+        step = "convert it with blackbox_decode" if error.name == "orangebox" else "pip install 'hiltest[logs]'"
+        raise ConfigError(f"{path}: {name} is read by a package: {step} ({error})") from error
     except ConfigError:
         raise
     except Exception as error:  # packages raise anything at a damaged log
