@@ -35,10 +35,11 @@ from hiltest.judge.answers import Answer, Entry
 from hiltest.judge.entries import open_entry, open_filter
 from hiltest.judge.filter_scores import MOTION, FilterResult, judge_filter
 from hiltest.judge.filters import FilterAnswers, JudgedFilter, OwnFilter, readings_of, stride_of
-from hiltest.judge.judgement import ALL, EntryResult, Estimate, compiler_in, judge
+from hiltest.judge.judgement import ALL, EntryResult, compiler_in, judge
 from hiltest.judge.motions import SIMULATED, simulated_motion
 from hiltest.judge.own_calibrators import own_calibrators
 from hiltest.judge.worlds import FAMILIES, RIG, WORLDS, World, draw_worlds
+from hiltest.measurement.estimates import Estimate
 from hiltest.orientation import attitude_filter
 from hiltest.orientation.motion_recording import MotionRecording, read_motion_recording
 from hiltest.run_record.files import write_atomically
