@@ -45,7 +45,7 @@ def _run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_commands_do_what_the_page_says(folder: Path) -> None:
-    all_round, little, of_a_folder, for_programs = COMMANDS
+    all_round, little, following, of_a_folder, for_programs = COMMANDS
     done = _run(all_round, folder)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "good" in done.stdout
@@ -57,6 +57,14 @@ def test_the_commands_do_what_the_page_says(folder: Path) -> None:
     assert "is above 300 (refused)" in sentences
     assert "direct, direct-fast, corrected, iterative: the fit ended as 'poor coverage'" in sentences
     assert re.search(r"^ verdict +fair +refused $", done.stdout, re.M)
+    readings = np.loadtxt(folder / "all-round.csv", delimiter=",", skiprows=1)
+    current_a, temperature_c = np.linspace(0.0, 20.0, len(readings)), 30.0 + np.cos(np.arange(len(readings)))
+    flight = np.column_stack([readings + np.outer(current_a, [0.5, -0.2, 0.3]), current_a, temperature_c])
+    header = "mx_uT,my_uT,mz_uT,current_A,temperature_C"
+    np.savetxt(folder / "flight.csv", flight, fmt="%.3f", delimiter=",", header=header, comments="")
+    done = _run(following, folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "COMPASS_MOT_X" in (folder / "compass.param").read_text(encoding="utf-8")
     assert {"all-round.csv", "little.csv"} <= set(_run(of_a_folder, folder).stdout.split())
     done = _run(for_programs, folder)
     assert done.returncode == 0
