@@ -38,7 +38,7 @@ from hiltest.judge.filters import FilterAnswers, JudgedFilter, OwnFilter, readin
 from hiltest.judge.judgement import ALL, EntryResult, compiler_in, judge
 from hiltest.judge.motions import SIMULATED, simulated_motion
 from hiltest.judge.own_calibrators import own_calibrators
-from hiltest.judge.worlds import FAMILIES, RIG, WORLDS, World, draw_worlds
+from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, HALF_SPHERE, RIG, WORLDS, World, draw_worlds
 from hiltest.measurement.estimates import Estimate
 from hiltest.orientation import attitude_filter
 from hiltest.orientation.motion_recording import MotionRecording, read_motion_recording
@@ -49,8 +49,6 @@ from hiltest.text import format_number
 PAGE = Path(__file__).with_suffix(".md")
 FOLDER = Path(__file__).with_suffix("")
 RESULTS, PACKAGES = FOLDER / "results.json", FOLDER / "requirements.txt"
-SECOND = "half-sphere"
-"""Family that ranks calibrators together with the default rig, because fits differ in it."""
 LEAST_SHARE = 0.5
 """Least share of answers in each of these two families for a rank."""
 MOTIONS = 5
@@ -123,7 +121,7 @@ RULES = """\
 2. Parameters are the package's defaults. Exceptions are facts that a package asks for and that a user knows: rate of
    the samples, field strength (48.5 uT), dip of the field (from the first reading) and noise of the sensors (0.4 uT).
    One set of parameters is used in all worlds and motions.
-3. A calibration is what the package applies to samples. A package that fits ellipsoids and applies nothing gets the
+3. A calibration is the one that the package applies. A package that fits ellipsoids and applies nothing gets the
    symmetric matrix of its ellipsoid; one that fits a sphere gets the identity.
 4. A filter gets one reading at a time, without the bias that the gyroscope had at rest before the motion. It starts
    from the first reading, if the package does so with a recording. Filters that need the whole recording are left
@@ -371,12 +369,12 @@ def page(results: Results) -> str:
     )
     recordings = [name for name in results.motions if _is_recorded(name)]
     titles = {family.name: family.title for family in FAMILIES}
-    others = [name for name in results.worlds if name not in (RIG, SECOND)]
+    others = [name for name in results.worlds if name not in DEFAULT_CLOUDS]
     sources = sorted({row.source for row in results.rows if row.source not in (IN_C, IN_PYTHON)}, key=str.lower)
     lines = [
-        HEAD.format(second=SECOND, title=titles[SECOND], packages=len(sources)),
+        HEAD.format(second=HALF_SPHERE, title=titles[HALF_SPHERE], packages=len(sources)),
         *_table(
-            ["", "calibrator", "from", f"`{RIG}`", f"`{SECOND}`", *CALIBRATOR_HEADINGS],
+            ["", "calibrator", "from", f"`{RIG}`", f"`{HALF_SPHERE}`", *CALIBRATOR_HEADINGS],
             [_calibrator_cells(number + 1, row) for number, row in enumerate(calibrators)],
         ),
         CALIBRATORS,
@@ -421,7 +419,7 @@ def _result(row: Row) -> EntryResult:
 
 def _calibrator_order(row: Row) -> tuple[bool, float, str, str]:
     """Return the key that sorts calibrators: those without enough answers last, otherwise by two errors together."""
-    families = [_result(row).family(name) for name in (RIG, SECOND)]
+    families = [_result(row).family(name) for name in DEFAULT_CLOUDS]
     shares = [1.0 - (family.refused + family.no_ellipsoid) / family.worlds for family in families]
     errors = [family.rms.value if family.rms else math.inf for family in families]
     return min(shares) < LEAST_SHARE, math.prod(errors), row.name, row.source
@@ -435,7 +433,7 @@ def _calibrator_cells(place: int, row: Row) -> list[str]:
         "" if lacks_answers else str(place),
         row.name,
         row.source,
-        *(_cell(result.family(name).rms) for name in (RIG, SECOND, ALL)),
+        *(_cell(result.family(name).rms) for name in (*DEFAULT_CLOUDS, ALL)),
         _cell(whole.p99),
         _cell(rig.worst_deg),
         str(whole.refused + whole.no_ellipsoid),

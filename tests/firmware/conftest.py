@@ -22,6 +22,16 @@ from .streams import BoardStream, HostStream, Stream
 
 FIRMWARE = Path(__file__).parents[2] / "firmware_stub"
 CALIBRATION = FIRMWARE / "calibration"
+CALIBRATORS = (
+    "direct",
+    "direct-fast",
+    "corrected",
+    "iterative",
+    "inverse-iteration",
+    "li",
+    "gauss-newton",
+    "gradient-descent",
+)
 PROGRAMS = Path(__file__).parent / "programs"
 SHIPPED_ELF = Path(hiltest.__file__).parent / "firmware" / "hiltest-frdm-k64f.elf"
 

@@ -17,19 +17,10 @@ from hiltest.calibration import BATCHES, FitStatus, MagnetometerFit, reference
 from hiltest.calibration.quality import direction_difference_rms_deg
 
 from ..instances import Instance, instance
+from .conftest import CALIBRATORS
 
 ROOT = Path(__file__).parents[2]
 CLOUDS = sorted((ROOT / "fixtures" / "clouds").glob("*.json"))
-CALIBRATORS = (
-    "direct",
-    "direct-fast",
-    "corrected",
-    "iterative",
-    "inverse-iteration",
-    "li",
-    "gauss-newton",
-    "gradient-descent",
-)
 # 99th percentile of the distance to float64 [deg]: a fiftieth of what noise alone does to these fits. Rounded products
 # of 16 bits cost more (test_direct_fast.py has what that means against the truth).
 LARGEST_P99_DEG = dict.fromkeys(CALIBRATORS, 0.01) | dict.fromkeys(("direct-fast", "corrected"), 0.15)

@@ -15,18 +15,8 @@ from hiltest.calibration.fit import LARGEST_DIRECTION_ERROR_DEG
 
 from ..calibration.test_corrected import direction_error_deg
 from ..instances import instance
-from .conftest import CALIBRATION
+from .conftest import CALIBRATION, CALIBRATORS
 
-NAMES = (
-    "direct",
-    "direct-fast",
-    "corrected",
-    "iterative",
-    "inverse-iteration",
-    "li",
-    "gauss-newton",
-    "gradient-descent",
-)
 # Points, noise [uT], and share of the sphere that they cover: from none refused to all.
 WORLDS = tuple(product((12, 30, 100, 400), (0.1, 0.4, 1.0, 2.5), ((0.05, 0.2), (0.2, 0.5), (0.5, 1.0))))
 
@@ -36,7 +26,7 @@ def test_c_refuses_at_the_error_that_the_host_refuses_at() -> None:
     assert float(limit) == LARGEST_DIRECTION_ERROR_DEG
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CALIBRATORS)
 def test_a_refused_fit_leaves_no_calibration(calibrators: Any, name: str) -> None:
     fit = calibrators.calibrate(name, instance(1, covered=(0.1, 0.1)).points_counts)
     assert fit.status is FitStatus.POOR_COVERAGE
@@ -57,7 +47,7 @@ def test_c_and_host_refuse_the_same_points(host_calibrators: Any, stretch: float
     assert 0.2 < refused / (4 * len(WORLDS)) < 0.6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CALIBRATORS)
 def test_an_accepted_calibration_is_better_than_none_and_than_the_sphere(host_calibrators: Any, name: str) -> None:
     errors, spheres = [], []
     for seed, (count, noise_ut, covered) in enumerate(WORLDS * 4):

@@ -25,7 +25,7 @@ def test_parts_of_a_log_differ_as_predicted(calibrator: str) -> None:
     assert {entry.cut for entry in results} == {"halves", "tenths"}
     assert len(results) >= 20  # of 24: some halves show too little of the sphere
     within = sum(0.5 <= entry.ratio <= 2.0 for entry in results)
-    # A jackknife of 8 blocks, and one draw of what it predicts: 87 % of normal ones.
+    # A jackknife of 8 blocks, and one draw of the error that it predicts: 87 % of normal ones.
     assert within >= 0.75 * len(results)
 
 

@@ -1,4 +1,4 @@
-"""The board runs the attitude filter through a motion; what is wrong with its rates shows."""
+"""The board runs the attitude filter through a motion; faults of its rates show."""
 
 from __future__ import annotations
 

@@ -59,15 +59,11 @@ def find_change(points: ArrayLike) -> Change | None:
     that leaves the smallest sum of squares counts, if it takes away a fifth of the squares and the step is 3 % or more.
     All sums are of blocks, so an instant costs no pass over the readings.
     """
-    readings = points_array(points)
-    trimmed = _trim(readings)
+    trimmed = _trim(points_array(points))
     if trimmed is None:
         return None
-    used, quadric = trimmed
-    ellipsoid = quadric.ellipsoid()
-    if ellipsoid is None:
-        return None
-    radius, slopes = math.sqrt(max(0.0, ellipsoid[0])), ellipsoid[1]
+    used, quadric, square, slopes = trimmed
+    radius = math.sqrt(max(0.0, square))
     sums, edges = _block_sums(quadric, -slopes)
     steps = [_step(sums, place) for place in range(_LEAST_BLOCKS, _BLOCKS - _LEAST_BLOCKS + 1)]
     valid = [step for step in steps if step is not None and step.deviation <= _LARGEST_DEVIATION * radius]
@@ -93,15 +89,12 @@ def find_growth(points: ArrayLike) -> float | None:
     A strength that grows by g from the first to the last reading leaves ``|p|^2 + d . t - 2 g R^2 s``, with s from -1/2
     to 1/2, linear in t and g. It counts from 3 % on, and from four of its deviations, of a sandwich over the blocks.
     """
-    trimmed = _trim(points_array(points))
+    readings = points_array(points)
+    trimmed = _trim(readings)
     if trimmed is None:
         return None
-    used, quadric = trimmed
-    ellipsoid = quadric.ellipsoid()
-    if ellipsoid is None:
-        return None
-    square, _ = ellipsoid
-    blocks, _ = _block_sums(quadric, (used / max(1, len(points_array(points)) - 1) - 0.5)[:, None])
+    used, quadric, square, _ = trimmed
+    blocks, _ = _block_sums(quadric, (used / max(1, len(readings) - 1) - 0.5)[:, None])
     blocks = blocks[::2] + blocks[1::2]
     whole = blocks.sum(axis=0)
     try:
@@ -129,8 +122,11 @@ class _Step:
     explained: float
 
 
-def _trim(points: Array) -> tuple[NDArray[np.intp], PlainQuadric] | None:
-    """Return the readings without outliers and their fit; None if there are too few."""
+def _trim(points: Array) -> tuple[NDArray[np.intp], PlainQuadric, float, Array] | None:
+    """Return the readings without outliers, their fit, and its squared radius and slopes.
+
+    The result is None if there are too few readings, or if they are on no ellipsoid.
+    """
     if len(points) < _FEWEST:
         return None
     off = np.linalg.norm(points - np.median(points, axis=0), axis=1)
@@ -145,7 +141,8 @@ def _trim(points: Array) -> tuple[NDArray[np.intp], PlainQuadric] | None:
             break
         used = used[inside]
         fit = PlainQuadric.fit(points[used])
-    return None if fit is None or len(used) < _FEWEST else (used, fit)
+    ellipsoid = None if fit is None or len(used) < _FEWEST else fit.ellipsoid()
+    return None if fit is None or ellipsoid is None else (used, fit, *ellipsoid)
 
 
 def _step(sums: Array, place: int) -> _Step | None:

@@ -102,7 +102,7 @@ class TableHardIron(TableValue):
     """A hard iron."""
 
     subtracted: Literal["before", "after"] = "before"
-    """Whether it is subtracted before the soft iron is applied, or after."""
+    """Its place: subtracted before the soft iron is applied, or after."""
 
 
 @dataclass(frozen=True, slots=True)

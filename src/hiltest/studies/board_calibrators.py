@@ -107,7 +107,7 @@ class BoardCalibrators:
 
 
 def parse_fit(content: bytes | bytearray) -> MagnetometerFit:
-    """Return the fit at the beginning of what a calibrator wrote: ``magnetometer_fit_t``."""
+    """Return the fit at the beginning of a calibrator's result: ``magnetometer_fit_t``."""
     status, is_sphere, iterations, *floats = _FIT.unpack_from(content)
     soft_iron, hard_iron = np.array(floats[:9]).reshape(3, 3), np.array(floats[9:12])
     return MagnetometerFit(FitStatus(status), bool(is_sphere), iterations, soft_iron, hard_iron, floats[12])

@@ -29,7 +29,7 @@ _LONGEST_DOCUMENT = 64 << 20
 # Colours of a terminal, also without the escape character that a monitor may remove.
 _COLOURS = re.compile(r"\x1b\[[\d;]*[A-Za-z]|\[\d{1,2}(?:;\d{1,3})+m|\[0m")
 _CLOCK = r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,:]\d{1,9})?)(?:,\d{3})?Z?"
-# What serial monitors and logging libraries write before a line, in this order: a time in brackets or before an arrow
+# Prefixes that serial monitors and logging libraries write, in this order: a time in brackets or before an arrow
 # (Arduino's "12:34:56.789 -> ", PlatformIO's "12:34:56.789 > ", "[2024-03-05 12:34:56.789] "), seconds in brackets
 # ("[    1.234567] "), and level and module of ESP-IDF, Zephyr, ESPHome and ROS.
 _PREFIXES = (
@@ -60,8 +60,8 @@ class Line(NamedTuple):
 class Lines:
     """The lines of a file, for one pass: UTF-8, or UTF-16 with its mark; without `#`, `%` or `//` comments.
 
-    A file whose name ends in .gz is decompressed. Colours are removed, and what serial monitors and logging libraries
-    write before a line. Many plain lines can be read at once, see `ahead`.
+    A file whose name ends in .gz is decompressed. Colours are removed, and the prefixes of serial monitors and logging
+    libraries. Many plain lines can be read at once, see `ahead`.
 
     Raises
     ------
