@@ -162,8 +162,9 @@ def guessed_columns(
         for stem, triple in triples.items()
         if FIELD_WORDS.get(name_and_unit(headers[triple[-1]])[1], FieldUnit.COUNTS) is not FieldUnit.COUNTS
     }
-    if len(magnetic) > 1:  # `field_error` beside `magnetometer` is none
-        magnetic = {stem: triple for stem, triple in magnetic.items() if "mag" in stem.lower()} or magnetic
+    if len(magnetic) > 1:  # `field_error` beside `magnetometer` is no second magnetometer.
+        by_more = {stem: triple for stem, triple in magnetic.items() if is_magnetometer(stem.replace("field", ""))}
+        magnetic = by_more or magnetic
     if len(magnetic) == 1:
         return next(iter(magnetic.values()))
     if len(magnetic) > 1:
