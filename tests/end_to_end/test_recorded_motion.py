@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hiltest.judge.motions import simulated_motion
+from hiltest.measurement import KINDS, identify
 from hiltest.orientation.motion_recording import MotionRecording
 
 from ..interfaces.conftest import shared_data  # noqa: F401 (a fixture)
 from .conftest import RIGS, Finished, Run
 
-ONE_SUITE = ("--rig", "bench.toml", "--suite", "full", "--", "-k", "recorded_motion")
+FULL, ONE_TEST = ("--rig", "bench.toml", "--suite", "full"), ("--", "-k", "recorded_motion")
 COLUMNS = ("total", "heading", "inclination", "first_seconds", "rest", "translation", "disturbed_field")
 
 
@@ -72,13 +74,13 @@ def rows_of(run: Finished) -> dict[str, list[Any]]:
     return {str(name): errors for name, *errors in table["rows"]}
 
 
-def test_each_recording_has_a_row_and_each_phase_its_mean(run_in: Run, tmp_path: Path) -> None:
+def test_each_recording_has_a_row_and_each_phase_its_mean_also_in_a_replay(run_in: Run, tmp_path: Path) -> None:
     motion = beginning(simulated_motion(), 40.0)
     (tmp_path / "motions").mkdir()
     write_archive(tmp_path / "motions" / "turned.npz", motion)
     write_archive(tmp_path / "motions" / "shaken.npz", shaken(motion))
     rig_with(tmp_path, "motions/*.npz")
-    run = run_in(tmp_path, *ONE_SUITE)
+    run = run_in(tmp_path, *FULL, "--record", "run.rec", *ONE_TEST)
     assert run.code == 0, run.output
     rows = rows_of(run)
     assert list(rows) == ["motions/shaken.npz", "motions/turned.npz"]
@@ -86,6 +88,8 @@ def test_each_recording_has_a_row_and_each_phase_its_mean(run_in: Run, tmp_path:
         present = [error for error in errors if error is not None]
         kind = f"motion.{name}" if name in COLUMNS[:3] else f"{name}.total"
         assert run.value(f"fusion.recorded.{kind}") == pytest.approx(np.mean(present)), name
+    kinds = [identify(name).kind for name in run.measured if name.startswith("fusion.recorded.")]
+    assert {kind and kind.name for kind in kinds} == {name for name in KINDS if name.startswith("fusion.recorded.")}
     turned, shaken_row = (dict(zip(COLUMNS, rows[f"motions/{name}.npz"], strict=True)) for name in ("turned", "shaken"))
     assert [name for name, error in turned.items() if error is None] == ["translation", "disturbed_field"]
     assert [name for name, error in shaken_row.items() if error is None] == ["rest"]
@@ -94,11 +98,16 @@ def test_each_recording_has_a_row_and_each_phase_its_mean(run_in: Run, tmp_path:
     # times that. The accelerometer alone tilts by 17 degrees while it is shaken, and a compass turns by 53 beside the
     # magnet.
     assert all(error < 1.0 for errors in rows.values() for error in errors if error is not None)
+    shutil.move(tmp_path / "motions", tmp_path / "elsewhere")
+    (tmp_path / "again").mkdir()
+    again = run_in(tmp_path / "again", "--replay", str(tmp_path / "run.rec"), *ONE_TEST)
+    assert again.code == 0, again.output
+    assert rows_of(again) == rows
 
 
 def test_a_rig_without_recordings_measures_nothing(run_in: Run, tmp_path: Path) -> None:
     rig_with(tmp_path)
-    run = run_in(tmp_path, *ONE_SUITE)
+    run = run_in(tmp_path, *FULL, *ONE_TEST)
     assert run.code == 0
     assert "1 skipped" in run.output
     assert not any(name.startswith("fusion.recorded") for name in run.measured)
@@ -112,7 +121,7 @@ def test_trials_of_the_benchmark_have_the_errors_of_the_page(
 ) -> None:
     names = ("05_undisturbed_slow_rotation_with_breaks_B", "30_disturbed_stationary_magnet_C")
     rig_with(tmp_path, *(str(shared_data(f"broad/{name}.npz")) for name in names))
-    run = run_in(tmp_path, *ONE_SUITE)
+    run = run_in(tmp_path, *FULL, *ONE_TEST)
     assert run.code == 0, run.output
     slow, magnet = rows_of(run).values()
     # As docs/fusion.md has them: 6 ms more or less until the recording begins change them by at most 0.19 degrees.
