@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
-from hiltest.rig.parts import PARTS
 from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.virtual.peripherals.i2c_bus import HeldLine
@@ -36,6 +35,7 @@ from hiltest.world.sway import SWAY_S, Sway
 
 #: Time from power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
+Word = TypeVar("Word", np.int64, np.float64)
 _RESETS = {"button": ResetSource.PIN, "brown-out": ResetSource.POWER_ON}
 
 
@@ -97,10 +97,10 @@ def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
         machine.reset_at(START_UP_S + faults.reset.after_s, _RESETS[faults.reset.by])
 
 
-def _turn_to_body(words: NDArray[np.int64], output: SampledOutput) -> NDArray[np.int64]:
+def _turn_to_body(words: NDArray[Word], output: SampledOutput) -> NDArray[Word]:
     """Return words along the axes of the part, shape (..., 3), along those of the body."""
     axes = np.array(output.body_axes)
-    return np.asarray(words[..., np.abs(axes) - 1] * np.sign(axes))
+    return np.asarray(words[..., np.abs(axes) - 1] * np.sign(axes).astype(words.dtype))
 
 
 class BenchSnapshot(NamedTuple):
@@ -179,11 +179,12 @@ class VirtualBench:
         self.machine.seed = self.seed
         self.machine.set_temperature(lambda: self.temperature_degc)
         self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
-        for described in (PARTS[name] for name in rig.world.fitted):
-            int1, int2 = described.pins
-            if int1 or int2:
-                part = self._parts[described.bus, described.address]
-                self.machine.connect_interrupts(described.bus, part, int1=int1, int2=int2)
+        for described in rig.parts.values():
+            part = self._parts[described.number, described.address]
+            for device in (part, *part.companions):
+                pins = {pin: wire for pin, wire in described.interrupts.items() if pin in device.pins}
+                if pins:
+                    self.machine.connect_interrupts(described.number, device, pins)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""
@@ -248,6 +249,7 @@ class VirtualBench:
         part.write(register, now_s)
         part.write(value, now_s)
         part.stop(now_s)
+        self.machine.update_interrupts()
 
     def forget_deliveries(self) -> None:
         """Forget the samples and registers that the sensors have delivered so far."""
@@ -273,7 +275,10 @@ class VirtualBench:
     def delivered_fields(self) -> dict[str, list[int]]:
         """Return the number and the sums of the samples that the parts have delivered since power-on."""
         return {
-            name: [output.delivered[0], *_turn_to_body(np.array(output.delivered[1:]), output).tolist()]
+            name: [
+                round(output.delivered[0]),
+                *_turn_to_body(np.array(output.delivered[1:]).round().astype(np.int64), output).tolist(),
+            ]
             for name, output in self._fields_of_earth()
         }
 
@@ -281,8 +286,9 @@ class VirtualBench:
         """Return the latest samples that the parts have delivered, with their times."""
         samples = {}
         for name, output in self._fields_of_earth():
-            words = np.array([row.words for row in output.deliveries], np.int64).reshape(-1, 3) << output.range
-            samples[name] = np.column_stack([[row.time_s for row in output.deliveries], _turn_to_body(words, output)])
+            counts = np.array([row.words for row in output.deliveries], np.float64).reshape(-1, 3) * output.weight
+            times_s = np.array([row.time_s for row in output.deliveries])
+            samples[name] = np.column_stack([times_s, _turn_to_body(counts, output)])
         return samples
 
     def _fields_of_earth(self) -> Iterator[tuple[str, SampledOutput]]:
@@ -301,14 +307,12 @@ class VirtualBench:
     def sensor_settings(self) -> list[PartSettings]:
         """Return the registers of the parts that run, or that they had at their latest sample."""
         settings = []
-        for name in self.rig.world.fitted if self.rig.world else ():
-            place = PARTS[name]
-            part = self._parts[place.bus, place.address]
-            if any(output.delivered[0] or math.isfinite(output.next_sample_s(self.time_s)) for output in part.outputs):
-                prefix, dash, kind = name.rpartition("-")
-                settings.append(
-                    PartSettings(f"{prefix}{dash}{kind.upper()}", place.bus, place.address, part.sampled_settings())
-                )
+        for place in self.rig.parts.values():
+            part = self._parts[place.number, place.address]
+            for kind, device in zip(place.kinds, (part, *part.companions), strict=True):
+                if any(row.delivered[0] or math.isfinite(row.next_sample_s(self.time_s)) for row in device.outputs):
+                    name = f"{place.prefix}{kind}"
+                    settings.append(PartSettings(name, place.number, device.address, device.sampled_settings()))
         return settings
 
     @property

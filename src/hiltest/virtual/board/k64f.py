@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -325,7 +325,7 @@ class VirtualK64F(VirtualCortexM4):
         port, number = self._chip.pin(pin)
         return bool(port.levels >> number & 1)
 
-    def connect_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
+    def connect_interrupts(self, bus: int, part: InterruptSource, pins: Mapping[str, str]) -> None:
         """Connect the interrupt pins of a part.
 
         Parameters
@@ -334,14 +334,18 @@ class VirtualK64F(VirtualCortexM4):
             I2C bus of the part: 0 or 1.
         part
             A part that the constructor received for that bus.
-        int1, int2
-            Pins of the processor, such as ``PTB9``; None leaves the pin open.
+        pins
+            Pin of the processor, such as ``PTB9``, by pin of the part; the others stay open.
         """
-        pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
-        wires = InterruptWires(part, pins, self.clocks.time)
+        wires = InterruptWires(part, [self._chip.wire_to(pins.get(pin)) for pin in part.pins], self.clocks.time)
         self._wires.append(wires)
         self._chip.i2c_buses[bus].call_after_stop(part, wires.update)
         wires.update()
+
+    def update_interrupts(self) -> None:
+        """Pass on the levels of all interrupt pins, after an access to a part that is not on its bus."""
+        for wires in self._wires:
+            wires.update()
 
     def hold_line(self, bus: int, hold: HeldLine) -> None:
         """Pull a line of I2C bus 0 or 1 low for a time, as a stuck part or a short circuit does."""
