@@ -339,7 +339,17 @@ def build_world(rig: Rig) -> World:
 def build_sensors(
     rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
 ) -> dict[str, list[RegisterDevice | FaultyPart]]:
-    """Create the parts of a virtual board, by bus.
+    """Create the parts of a virtual board as in `build_parts`, and return them by bus."""
+    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
+    for name, device in build_parts(rig, world, seed, faults_from_s=faults_from_s).items():
+        buses.setdefault(rig.parts[name].bus, []).extend((device, *device.companions))
+    return buses
+
+
+def build_parts(
+    rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
+) -> dict[str, RegisterDevice | FaultyPart]:
+    """Create the parts of a virtual board, by name.
 
     Parameters
     ----------
@@ -352,10 +362,6 @@ def build_sensors(
     faults_from_s
         Origin of the times of the rig's faults [s since power-on].
 
-    Returns
-    -------
-    dict
-        ``"i2c0"``: parts of the FRDM-K64F itself; ``"i2c1"``: the sensor shield; ``"spi0"`` and so on.
     """
     from hiltest.rig.faulty_parts import fitted_part
 
@@ -364,11 +370,7 @@ def build_sensors(
     def make(part: Part) -> RegisterDevice:
         return part.make(world, truth, seed, part)
 
-    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
-    for name, part in rig.parts.items():
-        device = fitted_part(name, part, make, rig.faults, began_s=faults_from_s)
-        buses.setdefault(part.bus, []).extend((device, *device.companions))
-    return buses
+    return {name: fitted_part(name, part, make, rig.faults, began_s=faults_from_s) for name, part in rig.parts.items()}
 
 
 def _simulated_world(rig: Rig) -> SimulatedWorld:
