@@ -166,6 +166,12 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             "address = 0x1E",
             "lis3mdl and fxos8700cq have the same address 0x1e on i2c1",
         ),
+        (
+            'part = "lis3mdl"\ninterrupts = { INT = "PTF9" }',
+            (),
+            'interrupts = { INT = "PTF9" }',
+            "names no pin of the processor: PTF9; write PTA0 to PTE31",
+        ),
         ('part = "lis3mdl"\naddress = 0x20', (), "address = 0x20", "lis3mdl answers at 0x1c or 0x1e only"),
         ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),
         ('part = "fxas21002c"\naxes = ["x", "y", "z"]', (), 'axes = ["x", "y", "z"]', "is a key of [world] for"),
