@@ -148,6 +148,7 @@ MODELS: Mapping[str, str] = {
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
     "lsm303agr": "hiltest.world.sensors.lsm303agr_a:Lsm303agrA",
     "lsm6ds3trc": "hiltest.world.sensors.lsm6ds3trc:Lsm6ds3trc",
+    "lsm9ds1": "hiltest.world.sensors.lsm9ds1_ag:Lsm9ds1Ag",
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
 }
 # Keys of a rig that only the models of `MODELS` and of users carry out.
