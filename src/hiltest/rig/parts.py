@@ -145,6 +145,7 @@ PARTS: Mapping[str, Part] = {
 }
 #: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
 MODELS: Mapping[str, str] = {
+    "icm20948": "hiltest.world.sensors.icm20948:Icm20948",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
     "lsm303agr": "hiltest.world.sensors.lsm303agr_a:Lsm303agrA",
     "lsm6ds3trc": "hiltest.world.sensors.lsm6ds3trc:Lsm6ds3trc",
