@@ -116,6 +116,21 @@ def test_an_interrupt_pin_is_wired_to_the_processor(tmp_path: Path) -> None:
     assert bench.machine.level("PTC5")
 
 
+def test_a_part_on_spi_answers_to_its_chip_select(tmp_path: Path) -> None:
+    rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n')
+    bench = VirtualBench(rig)
+    bench.power_on()
+    registers, spi = bench.machine.bus, 0x4002C000
+    registers.write(0x4004803C, 4, registers.read(0x4004803C, 4) | 1 << 12)  # SIM_SCGC6: SPI0
+    registers.write(0x4004C000, 4, 2 << 8)  # PORTD_PCR0: SPI0_PCS0
+    registers.write(spi, 4, 1 << 31 | 1 << 16)  # MCR: master, chip select low when active
+    registers.write(spi + 0xC, 4, 7 << 27)  # CTAR0: bytes
+    for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
+        registers.write(spi + 0x34, 4, command)
+    bench.machine.run_until(bench.time_s + 1e-3)
+    assert [registers.read(spi + 0x38, 4) for _ in range(2)] == [0xFF, 0x3D]
+
+
 def test_the_mag3110_of_the_shield_can_be_wired(tmp_path: Path) -> None:
     wired = '\n[[sensors.parts]]\npart = "mag3110"\ninterrupts = { INT1 = "PTC5" }\n'
     rig = rig_with(tmp_path, wired)
@@ -150,6 +165,12 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             (),
             "address = 0x1E",
             "lis3mdl and fxos8700cq have the same address 0x1e on i2c1",
+        ),
+        (
+            'part = "lis3mdl"\ninterrupts = { INT = "PTF9" }',
+            (),
+            'interrupts = { INT = "PTF9" }',
+            "names no pin of the processor: PTF9; write PTA0 to PTE31",
         ),
         ('part = "lis3mdl"\naddress = 0x20', (), "address = 0x20", "lis3mdl answers at 0x1c or 0x1e only"),
         ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),

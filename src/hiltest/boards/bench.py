@@ -17,7 +17,7 @@ from hiltest.interfaces.sensor_files.recorded_motion import load_playback
 from hiltest.json_files import read_json
 from hiltest.link.replies import SensorInfo
 from hiltest.orientation.angles import Pose
-from hiltest.rig import Rig, build_sensors, build_world
+from hiltest.rig import Rig, build_parts, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
 from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
@@ -30,6 +30,8 @@ from hiltest.world import Vector
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
 from hiltest.world.recorded_motion import Sensed
+from hiltest.world.sensors import RegisterDevice
+from hiltest.world.sensors.faulty_part import FaultyPart
 from hiltest.world.sensors.sampling import SampledOutput
 from hiltest.world.sway import SWAY_S, Sway
 
@@ -164,12 +166,22 @@ class VirtualBench:
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
         self._world.playback = self.playback = load_playback(rig)
-        sensors = build_sensors(rig, self._world, self.seed, faults_from_s=START_UP_S)
+        parts = build_parts(rig, self._world, self.seed, faults_from_s=START_UP_S)
+        i2c: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
+        spi: dict[str, dict[str, RegisterDevice | FaultyPart]] = {"spi0": {}, "spi1": {}, "spi2": {}}
+        for name, place in rig.parts.items():
+            if place.chip_select is None:
+                i2c[place.bus] += [parts[name], *parts[name].companions]
+            else:
+                spi[place.bus][place.chip_select] = parts[name]
         # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
         self.machine = VirtualK64F(
             load_image(self.firmware, base=base),
-            i2c0=sensors["i2c0"],
-            i2c1=sensors["i2c1"],
+            i2c0=i2c["i2c0"],
+            i2c1=i2c["i2c1"],
+            spi0=spi["spi0"],
+            spi1=spi["spi1"],
+            spi2=spi["spi2"],
             profile=_timing_profile(rig),
             strict=self.firmware == default_firmware(),
             flash_file=flash_file,
@@ -178,13 +190,16 @@ class VirtualBench:
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
         self.machine.set_temperature(lambda: self.temperature_degc)
-        self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
-        for described in rig.parts.values():
-            part = self._parts[described.number, described.address]
-            for device in (part, *part.companions):
-                pins = {pin: wire for pin, wire in described.interrupts.items() if pin in device.pins}
+        self._parts: dict[tuple[str, int | str], RegisterDevice | FaultyPart] = {
+            (bus, part.address): part for bus, on_bus in i2c.items() for part in on_bus
+        }
+        self._parts |= {(bus, pin): part for bus, on_bus in spi.items() for pin, part in on_bus.items()}
+        self._named = parts
+        for name, place in rig.parts.items():
+            for device in (parts[name], *parts[name].companions):
+                pins = {pin: wire for pin, wire in place.interrupts.items() if pin in device.pins}
                 if pins:
-                    self.machine.connect_interrupts(described.number, device, pins)
+                    self.machine.connect_interrupts(place.bus, device, pins)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""
@@ -244,7 +259,7 @@ class VirtualBench:
 
     def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
         """Write a register of a sensor without the firmware, as another master on the I2C bus would."""
-        part, now_s = self._parts[bus, address], self.machine.time_s
+        part, now_s = self._parts[f"i2c{bus}", address], self.machine.time_s
         part.start(False, now_s)
         part.write(register, now_s)
         part.write(value, now_s)
@@ -260,7 +275,7 @@ class VirtualBench:
 
     def delivered(self, sensor: SensorInfo) -> Samples:
         """Return the samples that a sensor has delivered since then, in the body frame."""
-        part = self._parts[sensor.bus, sensor.address]
+        part = self._parts[f"i2c{sensor.bus}", sensor.address]
         output = next(output for output in part.outputs if output.quantity.name == sensor.kind.name)
         rows = list(output.deliveries)
         words = np.array([row.words for row in rows], np.int64).reshape(-1, 3)
@@ -293,22 +308,23 @@ class VirtualBench:
 
     def _fields_of_earth(self) -> Iterator[tuple[str, SampledOutput]]:
         """Return the magnetometers and accelerometers that have delivered samples, by bus and address."""
-        for (bus, address), part in self._parts.items():
+        for (bus, place), part in self._parts.items():
             for output in part.outputs:
                 if output.quantity is not Sensed.GYROSCOPE and output.delivered[0]:
                     unit = " g" if output.quantity is Sensed.ACCELEROMETER else ""
-                    yield f"{bus}:{address:02x}{unit}", output
+                    address = f"{bus}:{place}" if isinstance(place, str) else f"{bus[-1]}:{place:02x}"
+                    yield f"{address}{unit}", output
 
     def delivered_temperature(self, sensor: SensorInfo) -> int | None:
         """Return the temperature byte that a sensor's part has delivered since then; None without one."""
-        part = self._parts[sensor.bus, sensor.address]
+        part = self._parts[f"i2c{sensor.bus}", sensor.address]
         return part.transferred.get(part.temperature_register)
 
     def sensor_settings(self) -> list[PartSettings]:
         """Return the registers of the parts that run, or that they had at their latest sample."""
         settings = []
-        for place in self.rig.parts.values():
-            part = self._parts[place.number, place.address]
+        for part_name, place in self.rig.parts.items():
+            part = self._named[part_name]
             for kind, device in zip(place.kinds, (part, *part.companions), strict=True):
                 if any(row.delivered[0] or math.isfinite(row.next_sample_s(self.time_s)) for row in device.outputs):
                     name = f"{place.prefix}{kind}"

@@ -224,6 +224,8 @@ def _described(entry: SensorPart, key: str) -> Part:
     model = load_model(entry.part, f"{key}.part")
     table = model.table
     addresses = table.addresses
+    has_one = entry.chip_select is None or not model.companion_models
+    require(has_one, f"{key}.bus", f"{entry.part} has several devices in one package: use an I2C bus")
     require(bool(addresses) or entry.chip_select is not None, f"{key}.bus", f"{entry.part} has no I2C: name an SPI bus")
     require(
         entry.address is None or entry.address in addresses,

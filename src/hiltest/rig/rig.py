@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from dataclasses import field as dataclass_field
 from difflib import get_close_matches
+from glob import glob
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -23,6 +24,7 @@ from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, Part, fitted_parts, scaled
+from hiltest.rig.recorded_motion import PlaybackFile
 from hiltest.rig.toml_tables import (
     STRICT,
     BoardPlace,
@@ -198,6 +200,30 @@ class Rig:
                 "listen and serve also play it: see docs/playback.md"
             )
 
+    def playing(self, recording: Path) -> Rig:
+        """Return the rig of a virtual board with a recording in place of its world."""
+        assert self.world is not None
+        playback = PlaybackFile(str(recording.resolve()))
+        return replace(self, world=replace(self.world, playback=playback, current=None, passing=None, cable=None))
+
+    def motion_recordings(self) -> dict[str, Path]:
+        """Return the files of ``world.motion_recordings`` by name; empty if the rig has none.
+
+        Raises
+        ------
+        ConfigError
+            If there is no file of a name.
+        """
+        folder = self.path.parent
+        files: dict[str, Path] = {}
+        for name in (self.world and self.world.motion_recordings) or ():
+            matches = sorted(glob(name, root_dir=folder))
+            if not matches:
+                place = self.where("world", "motion_recordings")
+                raise ConfigError(f"{place}: world.motion_recordings: no file {name!r} in {folder}; correct its name")
+            files |= {match: folder / match for match in matches}
+        return files
+
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
         """Return the limits that a set of tests must measure."""
         excused = self.full_only if suite == "gate" else frozenset()
@@ -339,7 +365,17 @@ def build_world(rig: Rig) -> World:
 def build_sensors(
     rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
 ) -> dict[str, list[RegisterDevice | FaultyPart]]:
-    """Create the parts of a virtual board, by bus.
+    """Create the parts of a virtual board as in `build_parts`, and return them by bus."""
+    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
+    for name, device in build_parts(rig, world, seed, faults_from_s=faults_from_s).items():
+        buses.setdefault(rig.parts[name].bus, []).extend((device, *device.companions))
+    return buses
+
+
+def build_parts(
+    rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
+) -> dict[str, RegisterDevice | FaultyPart]:
+    """Create the parts of a virtual board, by name.
 
     Parameters
     ----------
@@ -352,10 +388,6 @@ def build_sensors(
     faults_from_s
         Origin of the times of the rig's faults [s since power-on].
 
-    Returns
-    -------
-    dict
-        ``"i2c0"``: parts of the FRDM-K64F itself; ``"i2c1"``: the sensor shield; ``"spi0"`` and so on.
     """
     from hiltest.rig.faulty_parts import fitted_part
 
@@ -364,11 +396,7 @@ def build_sensors(
     def make(part: Part) -> RegisterDevice:
         return part.make(world, truth, seed, part)
 
-    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
-    for name, part in rig.parts.items():
-        device = fitted_part(name, part, make, rig.faults, began_s=faults_from_s)
-        buses.setdefault(part.bus, []).extend((device, *device.companions))
-    return buses
+    return {name: fitted_part(name, part, make, rig.faults, began_s=faults_from_s) for name, part in rig.parts.items()}
 
 
 def _simulated_world(rig: Rig) -> SimulatedWorld:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from hiltest.state import Restorable
 from hiltest.virtual.peripherals.i2c_bus import I2cDevice
+from hiltest.virtual.peripherals.spi_bus import SpiDevice
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.schedule import Event
 
@@ -15,7 +16,7 @@ from hiltest.virtual.processor.schedule import Event
 Wire = Callable[[bool], None]
 
 
-class InterruptSource(I2cDevice, Protocol):
+class InterruptSource(I2cDevice, SpiDevice, Protocol):
     """A part on the bus with interrupt pins; times are virtual seconds since power-on."""
 
     @property
