@@ -174,6 +174,12 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             "lis3mdl and fxos8700cq have the same address 0x1e on i2c1",
         ),
         (
+            'part = "lsm303agr"',
+            (),
+            "[[sensors.parts]]",
+            "lsm303agr and fxos8700cq have the same address 0x1e on i2c1",
+        ),
+        (
             'part = "lis3mdl"\ninterrupts = { INT = "PTF9" }',
             (),
             'interrupts = { INT = "PTF9" }',
@@ -196,6 +202,22 @@ def test_mistakes_are_refused_with_their_line(tmp_path: Path, addition: str, cha
     refused_line, refused_sentence = refusal(tmp_path, f"\n[[sensors.parts]]\n{addition}\n", *changes)
     assert refused_line == line
     assert sentence in refused_sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "pins", "addresses"),
+    [
+        ("lsm303agr", 'INT_1_XL = "PTC5", INT_MAG = "PTB9"', [0x0E, 0x19, 0x1E]),
+        ("lsm6ds3trc", 'INT2 = "PTC5"', [0x0E, 0x6A]),
+        ("lsm9ds1", '"INT1_A/G" = "PTC5", DRDY_M = "PTB9"', [0x0E, 0x1E, 0x6B]),
+        ("icm20948", 'INT1 = "PTC5"', [0x0C, 0x0E, 0x69]),
+    ],
+)
+def test_all_devices_of_a_package_are_on_the_bus(tmp_path: Path, name: str, pins: str, addresses: list[int]) -> None:
+    part = f'\n[[sensors.parts]]\npart = "{name}"\ninterrupts = {{ {pins} }}\n'
+    rig = rig_with(tmp_path, part, ("[world]\n", '[world]\nfitted = ["mag3110"]\n'))
+    assert sorted(device.address for device in build_sensors(rig, build_world(rig), seed=1)["i2c1"]) == addresses
+    VirtualBench(rig)  # it connects the pins of each device
 
 
 def test_parts_are_of_a_virtual_board() -> None:

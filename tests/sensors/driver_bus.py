@@ -113,5 +113,19 @@ def statistics(read: Callable[[], tuple[float, float, float]], clock: DriverCloc
     return np.mean(readings, axis=0), np.std(readings, axis=0)
 
 
-def true_gravity_g(part: TableSensor) -> np.ndarray:
-    return np.array(part.setup.world.state_at(0.0).gravity_body_g)
+def true_force_g(part: TableSensor) -> np.ndarray:
+    """Force that holds the board, in g, which an accelerometer measures: up."""
+    return -np.array(part.setup.world.state_at(0.0).gravity_body_g)
+
+
+def samples_per_s(part: TableSensor, clock: DriverClock, output: int = 0) -> int:
+    """Number of samples within a second, after a second to start."""
+    clock.sleep(1.0)
+    return part.outputs[output].latest(clock.now_s + 1.0) - part.outputs[output].latest(clock.now_s)
+
+
+def turn(part: TableSensor, clock: DriverClock) -> np.ndarray:
+    """Begin a long turn about the vertical at 30 deg/s; return the rate along the board's axes."""
+    part.setup.world.turn_round(3600.0, rate_dps=30.0, time_s=clock.now_s)
+    clock.sleep(1.0)
+    return np.array(part.setup.world.state_at(clock.now_s).rate_body_dps)

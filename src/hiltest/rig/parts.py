@@ -53,6 +53,8 @@ class Part:
     """Pin that selects it on an SPI bus."""
     pins: tuple[str, ...] = ("INT1", "INT2")
     """Interrupt pins that the part has."""
+    companion_addresses: tuple[int, ...] = ()
+    """7-bit addresses of the further devices in its package."""
 
     @property
     def number(self) -> int:
@@ -145,7 +147,11 @@ PARTS: Mapping[str, Part] = {
 }
 #: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
 MODELS: Mapping[str, str] = {
+    "icm20948": "hiltest.world.sensors.icm20948:Icm20948",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
+    "lsm303agr": "hiltest.world.sensors.lsm303agr_a:Lsm303agrA",
+    "lsm6ds3trc": "hiltest.world.sensors.lsm6ds3trc:Lsm6ds3trc",
+    "lsm9ds1": "hiltest.world.sensors.lsm9ds1_ag:Lsm9ds1Ag",
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
 }
 # Keys of a rig that only the models of `MODELS` and of users carry out.
@@ -187,13 +193,15 @@ def fitted_parts(truth: SimulatedWorld, entries: tuple[SensorPart, ...] | None) 
 
 def _refuse_shared_places(parts: Mapping[str, Part], entries: tuple[SensorPart, ...]) -> None:
     places: dict[tuple[str, int | str], str] = {}
-    for name, part in parts.items():
-        place = part.bus, part.chip_select or part.address
+    devices = [(name, at) for name, part in parts.items() for at in (part.address, *part.companion_addresses)]
+    for name, address in devices:
+        part = parts[name]
+        place = part.bus, part.chip_select or address
         other = places.setdefault(place, name)
         if other == name:
             continue
         index = max(index for index, entry in enumerate(entries) if (entry.name or entry.part) in (name, other))
-        at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{part.address:02x}"
+        at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{address:02x}"
         key = "chip_select" if part.chip_select else "address"
         require(
             False,
@@ -241,6 +249,7 @@ def _described(entry: SensorPart, key: str) -> Part:
         f"{entry.name}-" if entry.name else "",
         entry.chip_select,
         model.every_pin(),
+        tuple(device.table.addresses[0] for device in model.companion_models),
     )
 
 

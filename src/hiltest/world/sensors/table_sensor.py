@@ -251,7 +251,9 @@ class TableSensor(RegisterDevice):
 
     def _make_output(self, row: OutputRow, tag: str) -> SampledOutput:
         along_body, in_package = axis_numbers(self.setup.axes), axis_numbers(row.axes)
-        x, y, z = ((1 if axis > 0 else -1) * in_package[abs(axis) - 1] for axis in along_body)
+        # An accelerometer measures the force that holds it: +1 g along its axis that points up.
+        sign = -1 if row.quantity is Sensed.ACCELEROMETER else 1
+        x, y, z = (sign * (1 if axis > 0 else -1) * in_package[abs(axis) - 1] for axis in along_body)
         return SampledOutput(
             self.setup.world,
             NoiseSource(self.setup.seed, tag),
