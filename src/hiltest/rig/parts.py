@@ -145,6 +145,7 @@ PARTS: Mapping[str, Part] = {
 }
 #: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
 MODELS: Mapping[str, str] = {
+    "bmm150": "hiltest.world.sensors.bmm150:Bmm150",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
     "mmc5603": "hiltest.world.sensors.mmc5603:Mmc5603",
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
