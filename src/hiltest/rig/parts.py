@@ -149,6 +149,7 @@ MODELS: Mapping[str, str] = {
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
     "mmc5603": "hiltest.world.sensors.mmc5603:Mmc5603",
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
+    "rm3100": "hiltest.world.sensors.rm3100:Rm3100",
 }
 # Keys of a rig that only the models of `MODELS` and of users carry out.
 _OF_MODELS = (
