@@ -147,12 +147,15 @@ PARTS: Mapping[str, Part] = {
 }
 #: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
 MODELS: Mapping[str, str] = {
+    "bmm150": "hiltest.world.sensors.bmm150:Bmm150",
     "icm20948": "hiltest.world.sensors.icm20948:Icm20948",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
     "lsm303agr": "hiltest.world.sensors.lsm303agr_a:Lsm303agrA",
     "lsm6ds3trc": "hiltest.world.sensors.lsm6ds3trc:Lsm6ds3trc",
     "lsm9ds1": "hiltest.world.sensors.lsm9ds1_ag:Lsm9ds1Ag",
+    "mmc5603": "hiltest.world.sensors.mmc5603:Mmc5603",
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
+    "rm3100": "hiltest.world.sensors.rm3100:Rm3100",
 }
 # Keys of a rig that only the models of `MODELS` and of users carry out.
 _OF_MODELS = (
