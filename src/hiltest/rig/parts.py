@@ -243,7 +243,7 @@ def _described(entry: SensorPart, key: str) -> Part:
         entry.bus,
         (addresses or (0,))[0] if entry.address is None else entry.address,
         partial(_make_model, model, entry),
-        model.sensor_names(),
+        _sensor_names(model, entry.part.upper()),
         entry.interrupts,
         next((row.range for row in model.every_output() if row.quantity.key == "magnetometer"), None),
         lambda _truth: _declared_noise(model, entry),
@@ -311,6 +311,12 @@ def _make_model(
             {quantity: rms for quantity, rms in noise.items() if rms is not None},
         )
     )
+
+
+def _sensor_names(model: type[TableSensor], name: str) -> dict[str, str]:
+    """Return the name of each sensor by kind: the part's name, with the kind if there are several."""
+    kinds = [row.quantity.key for row in model.every_output()]
+    return {kind: name if len(kinds) == 1 else f"{name} {kind}" for kind in kinds}
 
 
 def _declared_noise(model: type[TableSensor], entry: SensorPart) -> float:
