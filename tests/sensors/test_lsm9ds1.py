@@ -11,8 +11,10 @@ from hiltest.world.sensors.lsm9ds1_ag import Lsm9ds1Ag
 from .bus_master import read, write
 from .driver_bus import (
     TILTED,
+    ChipSelect,
     DriverClock,
     DriverI2c,
+    DriverSpi,
     ImportDriver,
     samples_per_s,
     setup,
@@ -35,6 +37,20 @@ def part() -> Lsm9ds1Ag:
 
 def make_sensor(part: Lsm9ds1Ag, clock: DriverClock, driver: ImportDriver):
     return driver("adafruit_lsm9ds1").LSM9DS1_I2C(DriverI2c([part, *part.companions], clock))
+
+
+def test_lsm9ds1_by_adafruit_s_driver_over_spi(clock: DriverClock, driver: ImportDriver) -> None:
+    part = Lsm9ds1Ag(setup())
+    spi = DriverSpi({"CS_AG": part, "CS_M": part.companions[0]}, clock)
+    sensor = driver("adafruit_lsm9ds1").LSM9DS1_SPI(spi, ChipSelect(spi, "CS_AG"), ChipSelect(spi, "CS_M"))
+    clock.sleep(0.5)
+    mean, _ = statistics(lambda: tuple(sensor.acceleration), clock, 1.0 / 952.0)
+    assert mean / G == pytest.approx(MIRRORED * true_force_g(part), abs=0.0005)
+    mean, _ = statistics(lambda: tuple(sensor.magnetic), clock, 1.0 / 10.0)
+    assert 100.0 * mean == pytest.approx(true_field_ut(part), abs=0.25)
+    sensor.mag_gain = driver("adafruit_lsm9ds1").MAGGAIN_16GAUSS
+    clock.sleep(0.2)
+    assert part.companions[0].field("full scale") == 3
 
 
 @pytest.mark.parametrize("pose", POSES)
