@@ -1,4 +1,4 @@
-"""``hiltest init``: copy suites, rigs, benchmarks and a first baseline for a bench of one's own."""
+"""``hiltest init``: copy suites, rigs, benchmarks and a first baseline for a bench of one's own, or begin a sensor."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Copied:
     """A bench of one's own."""
 
     folder: str
-    """Folder of suites, rigs, benchmarks and a baseline."""
+    """Folder of suites, rigs, benchmarks and a baseline, or of the sensor's files."""
     rig: str | None
     """Rig that was proposed for the firmware; null without one."""
     next: list[str]
@@ -54,7 +54,8 @@ class Copied:
     callback=parsed(file_name),
     help="Propose a rig for this firmware, from its names and texts.",
 )
-def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
+@click.option("--sensor", metavar="NAME", help="Write the frame of a sensor's model into DIR, and nothing else.")
+def init(folder: Path, firmware: str | None, sensor: str | None) -> tuple[int, Copied]:
     """Set up a bench: copy suites, rigs, benchmarks and a baseline.
 
     The files go to DIR/hil. The baseline has the numbers of the packaged firmware on the default rig.
@@ -62,7 +63,12 @@ def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
     With --firmware, the command also writes a rig with the name of DIR. It searches the ELF for lines, packets and
     variables with a heading, a field or a calibration, and for functions to count. At a terminal it asks which ones to
     use; otherwise the rig has all of them, uncertain ones as comments.
+
+    With --sensor, the command writes a module, its register table, a test that passes, and a pyproject.toml with the
+    entry point that lets a rig name the sensor.
     """
+    if sensor is not None:
+        return _write_sensor(folder, sensor, firmware)
     from hiltest.rig.bench_files import shipped
 
     source, target = shipped(), folder / "hil"
@@ -87,6 +93,17 @@ def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
     click.echo(f"cd {folder} && hiltest run {' '.join(options)}")
     rig = proposed[0] if proposed else None
     return 0, Copied(str(target), rig, ["hiltest", "run", *options])
+
+
+def _write_sensor(folder: Path, sensor: str, firmware: str | None) -> tuple[int, Copied]:
+    from hiltest.rig.sensor_frame import write_sensor_frame
+
+    if firmware is not None:
+        raise ConfigError("--sensor and --firmware exclude each other: run hiltest init once for each")
+    files = write_sensor_frame(sensor, folder)
+    click.echo(f"{', '.join(file.name for file in files)} are in {folder}. Next:")
+    click.echo(f"cd {folder} && python -m pytest {files[2].name} && python -m pip install -e .")
+    return 0, Copied(str(folder), None, ["python", "-m", "pytest", files[2].name])
 
 
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:

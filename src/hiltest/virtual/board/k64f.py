@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from hiltest.errors import ConfigError, SnapshotError
@@ -26,6 +27,7 @@ from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
 from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.peripherals.spi_bus import SpiDevice
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.clock import PICOSECONDS
@@ -59,6 +61,8 @@ class VirtualK64F(VirtualCortexM4):
         at another address, pass `load_image(path, base=0x8000)`.
     i2c0, i2c1
         Parts on the two buses.
+    spi0, spi1, spi2
+        Parts on these buses, by the pin that selects each, such as ``PTD0``.
     profile
         Name of a profile, or a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
     strict
@@ -90,12 +94,17 @@ class VirtualK64F(VirtualCortexM4):
         *,
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
+        spi0: Mapping[str, SpiDevice] = MappingProxyType({}),
+        spi1: Mapping[str, SpiDevice] = MappingProxyType({}),
+        spi2: Mapping[str, SpiDevice] = MappingProxyType({}),
         profile: str | TimingProfile = DEFAULT_PROFILE,
         strict: bool = False,
         flash_file: str | Path | None = None,
     ) -> None:
         def microcontroller(processor: Processor) -> Microcontroller:
-            self._chip = Microcontroller(processor, (i2c0, i2c1), strict=strict, flash_file=flash_file)
+            self._chip = Microcontroller(
+                processor, (i2c0, i2c1), (spi0, spi1, spi2), strict=strict, flash_file=flash_file
+            )
             return self._chip
 
         super().__init__(elf, profile=profile, memory=MK64FN1M0, part=microcontroller)
@@ -325,23 +334,31 @@ class VirtualK64F(VirtualCortexM4):
         port, number = self._chip.pin(pin)
         return bool(port.levels >> number & 1)
 
-    def connect_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
+    def connect_interrupts(self, bus: str, part: InterruptSource, pins: Mapping[str, str]) -> None:
         """Connect the interrupt pins of a part.
 
         Parameters
         ----------
         bus
-            I2C bus of the part: 0 or 1.
+            Bus of the part, such as ``i2c1`` or ``spi0``.
         part
             A part that the constructor received for that bus.
-        int1, int2
-            Pins of the processor, such as ``PTB9``; None leaves the pin open.
+        pins
+            Pin of the processor, such as ``PTB9``, by pin of the part; the others stay open.
         """
-        pins = self._chip.wire_to(int1), self._chip.wire_to(int2)
-        wires = InterruptWires(part, pins, self.clocks.time)
+        wires = InterruptWires(part, [self._chip.wire_to(pins.get(pin)) for pin in part.pins], self.clocks.time)
         self._wires.append(wires)
-        self._chip.i2c_buses[bus].call_after_stop(part, wires.update)
+        number = int(bus[-1])
+        if bus.startswith("spi"):
+            self._chip.spi_buses[number].call_after_stop(part, wires.update)
+        else:
+            self._chip.i2c_buses[number].call_after_stop(part, wires.update)
         wires.update()
+
+    def update_interrupts(self) -> None:
+        """Pass on the levels of all interrupt pins, after an access to a part that is not on its bus."""
+        for wires in self._wires:
+            wires.update()
 
     def hold_line(self, bus: int, hold: HeldLine) -> None:
         """Pull a line of I2C bus 0 or 1 low for a time, as a stuck part or a short circuit does."""
