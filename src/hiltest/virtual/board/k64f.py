@@ -34,6 +34,7 @@ from hiltest.virtual.processor.interrupt import deferred_interrupt
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.other_chips import other_chip, refuse_other_chip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +82,7 @@ class VirtualK64F(VirtualCortexM4):
     Raises
     ------
     ConfigError
-        If the ELF is not for this processor or does not fit its memories.
+        If the ELF is for another processor or chip, or does not fit the memories.
     """
 
     def __init__(
@@ -98,7 +99,9 @@ class VirtualK64F(VirtualCortexM4):
             self._chip = Microcontroller(processor, (i2c0, i2c1), strict=strict, flash_file=flash_file)
             return self._chip
 
-        super().__init__(elf, profile=profile, memory=MK64FN1M0, part=microcontroller)
+        image = open_image(elf)
+        refuse_other_chip(image)
+        super().__init__(image, profile=profile, memory=MK64FN1M0, part=microcontroller)
         self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
         self._wires: list[InterruptWires] = []
         self.run_processor = self.processor.run
@@ -355,15 +358,15 @@ def board_for(
     memory: str | None = None,
     part: Part | None = None,
 ) -> VirtualCortexM4:
-    """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
+    """Return a board that can call functions of an image: a `VirtualK64F` if the image is for the MK64FN1M0.
 
-    If the image needs other memories, or `memory` or `part` names them, the board is a `VirtualCortexM4`.
+    If the image is for another chip, or `memory` or `part` names its memories, the board is a `VirtualCortexM4`.
     """
     image = open_image(elf, core=part.core) if part is not None else open_image(elf)
     if part is not None:
         memories = part.memory_map or memory_map(image, memory)
         return VirtualCortexM4(image, profile=profile, memory=memories, stack="image")
     memories = memory_map(image, memory)
-    if memories == MK64FN1M0:
+    if memories == MK64FN1M0 and other_chip(image) is None:
         return VirtualK64F(image, profile=profile)
     return VirtualCortexM4(image, profile=profile, memory=memories)
