@@ -24,6 +24,10 @@ class UartPort(Protocol):
     def host_waiting(self) -> int:
         """Number of bytes that have arrived from the board."""
 
+    @property
+    def wrong_speed(self) -> str:
+        """Sentence about a line whose ends have different speeds; empty otherwise."""
+
     def host_write(self, data: bytes) -> None:
         """Send bytes to the board; they arrive at the pace of the line."""
 
@@ -87,8 +91,14 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return self.machine.time_s
 
     def position(self) -> str:
-        """Return a description of the firmware's present activity."""
-        return self.machine.position()
+        """Return a description of the firmware's present activity, and of a wrong speed of the line."""
+        wrong_speed = self.machine.uart0.wrong_speed
+        return self.machine.position() + (f"; {wrong_speed}" if wrong_speed else "")
+
+    @property
+    def wrong_speed(self) -> str:
+        """Sentence of `Uart.wrong_speed`."""
+        return self.machine.uart0.wrong_speed
 
     @property
     def in_waiting(self) -> int:
