@@ -36,6 +36,8 @@ from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.program.other_chips import other_chip, refuse_other_chip
 
+_WAITING_SHARE = 0.9  # of instructions that are passed over, if firmware does nothing but wait
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardSnapshot:
@@ -106,6 +108,7 @@ class VirtualK64F(VirtualCortexM4):
         self._wires: list[InterruptWires] = []
         self.run_processor = self.processor.run
         self.debugged, self.halted_s = False, 0.0
+        self._looked_at = 0, 0  # instructions executed, and those of waiting loops that were passed over
         self.access = threading.RLock()
 
     # -- reset --------------------------------------------------------------------------------
@@ -185,6 +188,15 @@ class VirtualK64F(VirtualCortexM4):
                         raise fault.ended(str(request)) from None
         finally:
             until.cancel()
+            self._report_silent_wait()
+
+    def _report_silent_wait(self) -> None:
+        """Report once if firmware waits while interrupts are enabled that never come."""
+        core = self.processor.core
+        executed, passed = core.instructions - self._looked_at[0], core.passed - self._looked_at[1]
+        self._looked_at = core.instructions, core.passed
+        if core.sleeping or (passed > 0 and passed > _WAITING_SHARE * executed):
+            self._chip.unmodelled.report_interrupts(self._chip.silent_interrupts(), core.r[15])
 
     def _moment(self, time_s: float) -> Event:
         """Return an event at a virtual time, which stays correct if the clocks change before it."""

@@ -83,8 +83,11 @@ class Microcontroller(Restorable):
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.watchdog_resets = 0
+        self._silent: list[
+            tuple[int, str, bool]
+        ] = []  # interrupts of unmodelled modules, and if modelled ones share them
         self.unmodelled = UnmodelledLog(processor, self._chip)
-        processor.waits_for = lambda: self.unmodelled.polled
+        processor.waits_for = lambda: self.unmodelled.polled or self.silent_interrupts()
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         self.cycle_counter, control = private_peripherals(processor, self.clocks.core)
@@ -203,8 +206,11 @@ class Microcontroller(Restorable):
     def _add_unmodelled_pages(self) -> None:
         """Add registers that store writes, and report accesses, for every unmodelled page."""
         modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
+        silent = [module for module in self._chip.peripherals if module.base >> 12 not in modelled]
+        answered = {number for module in self._chip.peripherals if module not in silent for number in module.interrupts}
+        self._silent = [(number, module.name, number in answered) for module in silent for number in module.interrupts]
         self._peripherals += [
-            UnmodelledPage(page << 12, modules, self._chip, self.unmodelled)
+            UnmodelledPage(self._processor.machine, page << 12, modules, self._chip)
             for page, modules in self._chip.pages.items()
             if page not in modelled
         ]
@@ -263,5 +269,14 @@ class Microcontroller(Restorable):
         return lambda high: port.drive(number, high)
 
     def describe_sleep(self) -> str:
-        """Return a description of the processor's sleep mode."""
-        return self.modes.describe()
+        """Return a description of the processor's sleep mode, and of interrupts that never end it."""
+        return self.modes.describe() + self.silent_interrupts()
+
+    def silent_interrupts(self) -> str:
+        """Return the unmodelled modules whose interrupts are enabled, as a clause; empty if there are none."""
+        enabled = [entry for entry in self._silent if self._processor.nvic.is_enabled(entry[0])]
+        used = {access.register.partition("_")[0] for access in self.unmodelled.accesses} if enabled else set()
+        names = dict.fromkeys(name for _, name, is_shared in enabled if not is_shared or name in used)
+        if not names:
+            return ""
+        return f", with interrupts of {', '.join(names)} enabled, which the virtual board does not model"

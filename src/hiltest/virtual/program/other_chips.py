@@ -175,7 +175,7 @@ def _words(image: FirmwareImage) -> np.ndarray[Any, np.dtype[np.uint32]]:
         words.append(number[low])
         for top in np.flatnonzero(is_wide & (first & 0xFBF0 == _MOVT)):
             near = low[(low < top) & (low >= top - _FAR_HALVES)]
-            lower = number[near[second[near] >> 8 & 15 == second[top] >> 8 & 15]]
+            lower = number[near[second[near] >> 8 & 15 == second[top] >> 8 & 15][-1:]]
             words.append(number[top] << 16 | lower & 0xFFFF)
     return np.unique(np.concatenate(words))
 
