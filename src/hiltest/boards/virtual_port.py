@@ -52,6 +52,9 @@ class Machine(Protocol):
     def position(self) -> str:
         """Return a description of the firmware's present activity."""
 
+    def unanswered_part(self) -> str:
+        """Return a sentence about a part that was asked while it was booting; or nothing."""
+
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
         """Let the board run until a time, or until `wake` says so after bytes arrived that were expected."""
 
@@ -91,9 +94,9 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return self.machine.time_s
 
     def position(self) -> str:
-        """Return a description of the firmware's present activity, and of a wrong speed of the line."""
-        wrong_speed = self.machine.uart0.wrong_speed
-        return self.machine.position() + (f"; {wrong_speed}" if wrong_speed else "")
+        """Return a description of the firmware's activity, of a wrong speed, and of a part that did not answer."""
+        remarks = self.machine.uart0.wrong_speed, self.machine.unanswered_part()
+        return "; ".join([self.machine.position(), *filter(None, remarks)])
 
     @property
     def wrong_speed(self) -> str:

@@ -99,8 +99,10 @@ def listen(rig: str, port: str | None, firmware: Path | None, seconds: float | N
         listened_s = _listen(opened, trial, [*interfaces.values()], seconds)
     finally:
         opened.close()
-    for sentence in opened.bench.said_of_playback if opened.bench else ():
-        click.echo(sentence, err=True)
+    if opened.bench is not None:
+        for sentence in (*opened.bench.said_of_playback, opened.bench.machine.unanswered_part()):
+            if sentence:
+                click.echo(sentence, err=True)
     rates = {quantity.key: QuantityRate(count, trial.rate_hz(quantity)) for quantity, count in trial.values.items()}
     remark = trial.remark(listened_s, opened.wrong_speed)
     return int(not trial.values), Understood(listened_s, trial.understood, trial.not_understood, remark, rates)

@@ -254,6 +254,8 @@ def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
     remark = paced.input.remark(paced.time_s, wrong_speed=machine.uart0.wrong_speed, is_text=is_text)
     if remark and not bench.rig.answers_requests:
         _tell(f"board: {remark}")
+    if unanswered := machine.unanswered_part():
+        _tell(f"board: {unanswered}")
     for uart in machine.uarts[1:]:
         if uart.host_waiting:
             _tell(f"board: {uart.host_waiting} bytes came on {uart.name}: serve it by --uart {uart.name[-1]}")
