@@ -29,14 +29,13 @@ from hiltest.virtual.peripherals.rng import RandomNumbers
 from hiltest.virtual.peripherals.rtc import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.peripherals.smc import PowerManagement, SystemModes, WakeUpUnit
+from hiltest.virtual.peripherals.sysmpu import MemoryProtection
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import SRAM
 
-# Firmware cannot observe the effect of these modules: their registers store writes, without a report.
-_STORED = ("SYSMPU",)
 _WITH_FIFO = 2  # number of UARTs with FIFOs and the core clock: UART0 and UART1
 
 ROOM_DEGC = 25.0
@@ -94,7 +93,6 @@ class Microcontroller(Restorable):
         self._peripherals: list[Peripheral] = [generator, self.clocks, self.cycle_counter, control]
         self._peripherals += self._chip_modules()
         self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
-        self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         self._peripherals.append(self.clocks.options)
         self._connect_pins(self.low_power_timer.signals)
         if not strict:
@@ -130,6 +128,7 @@ class Microcontroller(Restorable):
             *self.ports.values(),
             Gpio(processor.machine, list(self.ports.values())),
             *masters,
+            MemoryProtection(processor.machine, modules["SYSMPU"]),
             FlashControl(self._processor.machine),
             CheckValue(modules["CRC"]),
             self.random_numbers,

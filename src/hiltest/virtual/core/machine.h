@@ -30,6 +30,8 @@ enum fault_cause {
     CAUSE_WRITE_FLASH,
     CAUSE_READ_REFUSED,    /* the bus refused the access, for a reason that the host knows */
     CAUSE_WRITE_REFUSED,
+    CAUSE_READ_PROTECTED,  /* the system memory protection refused the access */
+    CAUSE_WRITE_PROTECTED,
     CAUSE_FETCH_UNMAPPED,  /* jump to `address` */
     CAUSE_NO_THUMB_BIT,    /* jump to the even address `address` */
     CAUSE_OPCODE,          /* `value`: the halfword, or both with the first in the upper half */
@@ -225,6 +227,8 @@ void machine_connect(struct machine *machine, struct machine_bus bus);
  * outlive the machine. Repeated loads of steady bytes are answered without the bus. False if the address is not a
  * device's. */
 bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t *bytes);
+/* Add the system memory protection; false if out of memory. */
+bool machine_add_sysmpu(struct machine *machine, uint32_t base);
 /* stored.c: add a page of registers that only store writes, with their 4096 bytes after reset; false if out of memory. */
 bool machine_add_stored(struct machine *machine, uint32_t base, const uint8_t *initial);
 void machine_log_accesses(struct machine *machine, machine_accessed report, void *context);

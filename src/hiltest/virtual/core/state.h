@@ -143,6 +143,8 @@ struct machine {
     struct device *devices[DEVICES]; /* peripherals in C */
     int32_t device_count;
     uint8_t first_on_page[DEVICE_PAGES]; /* one more than the index of the page's first device; 0 if there is none */
+    struct device *sysmpu; /* system memory protection, or NULL */
+    bool protects;       /* it refuses some accesses: pages are closed, so that each access is checked */
     struct device *dma;  /* the device that receives DMA requests, or NULL */
     uint64_t requests;   /* levels of the request sources */
     bool has_fired;      /* an event has fired since the call of machine_run */
@@ -186,6 +188,11 @@ void mark_code(struct machine *machine, uint32_t address, uint32_t size);
 void unmark_code(struct machine *machine);
 /* Let loads and stores access the bytes of a page directly, unless they must be checked. */
 void open_page(struct machine *machine, const struct memory *memory, uint32_t offset);
+void open_all_pages(struct machine *machine);
+/* sysmpu.c: close or open all pages after a change of the rights. */
+void update_protection(struct machine *machine);
+/* Return whether the core may access memory while `protects` is set; otherwise record the error in the registers. */
+bool is_permitted(struct machine *machine, uint32_t address, uint32_t size, bool writes);
 
 /* known.c: answer a load from a device by a cached value; false if the device has to be read. */
 bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
