@@ -17,7 +17,7 @@ from hiltest.virtual.peripherals.flash_array import FlashArray
 from hiltest.virtual.peripherals.fmc import FlashControl
 from hiltest.virtual.peripherals.ftfe import FlashMemory
 from hiltest.virtual.peripherals.ftm import FlexTimer
-from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.i2c import I2c, I2cSlave
 from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.peripherals.lptmr import LowPowerTimer
 from hiltest.virtual.peripherals.mcg import ClockGenerator
@@ -120,6 +120,9 @@ class Microcontroller(Restorable):
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
         masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
+        # Firmware that is master of one bus and slave on the other expects a wire between both, as NXP's examples do.
+        for bus, listener in zip(self.i2c_buses, reversed(masters), strict=True):
+            bus.slave = I2cSlave(processor.machine, listener, bus)
         return [
             *self.uarts,
             self.timers,

@@ -227,6 +227,9 @@ void machine_connect(struct machine *machine, struct machine_bus bus);
  * outlive the machine. Repeated loads of steady bytes are answered without the bus. False if the address is not a
  * device's. */
 bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t *bytes);
+/* Let another master address an I2C module as slave: an operation of enum i2c_operation; the value of I2C_READ is 1 if the
+ * master does not acknowledge. Returns the acknowledgement, or the byte. */
+int32_t machine_i2c_slave(struct machine *machine, uint32_t base, int32_t operation, uint32_t value);
 /* Add the system memory protection; false if out of memory. */
 bool machine_add_sysmpu(struct machine *machine, uint32_t base);
 /* stored.c: add a page of registers that only store writes, with their 4096 bytes after reset; false if out of memory. */
