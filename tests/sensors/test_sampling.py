@@ -39,9 +39,9 @@ def active_mag3110(world, *, seed=1, at_s=0.01, control1=0x01, **options):
     return part
 
 
-def active_fxos8700cq(world, *, seed=1, at_s=0.01, distortion=MagneticDistortion(), **options):  # noqa: B008
-    part = Fxos8700cq(world, distortion, seed=seed, **options)
-    for register, value in ((0x5B, 0x1F), (0x5C, 0x20), (0x0E, 0x01), (0x2A, 0x0D)):
+def active_fxos8700cq(world, *, seed=1, at_s=0.01, distortion=None, modes=0x02, control1=0x0D, **options):
+    part = Fxos8700cq(world, distortion or MagneticDistortion(), seed=seed, **options)
+    for register, value in ((0x5B, 0x1F), (0x5C, 0x20), (0x0E, 0x01), (0x2B, modes), (0x2A, control1)):
         write(part, at_s, register, value)
     return part
 
@@ -124,6 +124,47 @@ def test_accelerometer_and_gyroscope_noise_are_the_data_sheets():
     # 126 ug/sqrt(Hz) over 100 Hz, and 1/2048 g of quantisation; 25 mdps/sqrt(Hz) over 64 Hz, and 1/16 dps.
     assert np.allclose(gravity.std(axis=0), math.hypot(1.26e-3, 1 / 2048 / math.sqrt(12)), rtol=tolerance)
     assert np.allclose(rate.std(axis=0), math.hypot(0.2, 1 / 16 / math.sqrt(12)), rtol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("modes", "control1", "ratio"),
+    [
+        (0x00, 0x0D, math.sqrt(2.0)),  # normal: 4 samples at 200 Hz instead of 8
+        (0x03, 0x0D, 2.0),  # low power: 2
+        (0x02, 0x09, 126.0 / 99.0),  # without low noise
+        (0x03, 0x09, 2.0 * 126.0 / 99.0),
+    ],
+)
+def test_modes_of_the_accelerometer_have_their_noise(modes, control1, ratio):
+    part = active_fxos8700cq(World(FIELD), modes=modes, control1=control1)
+    times = np.arange(100, 3100) / 200.0 + 0.001
+    gravity = np.array([words(read(part, float(t), 0x01, 6)) for t in times]) / 8192.0
+    expected_g = math.hypot(ratio * 1.26e-3, 1 / 2048 / math.sqrt(12))
+    assert np.allclose(gravity.std(axis=0), expected_g, rtol=4.0 / math.sqrt(2 * 3000))
+
+
+@pytest.mark.parametrize(
+    ("modes", "control1", "conversions", "sigma"),
+    [(0x1F, 0x00, 2, 15.0), (0x01, 0x00, 2, 15.0), (0x1D, 0x28, 128, 3.0)],  # 800 Hz, and 12.5 Hz [counts rms]
+)
+def test_a_single_measurement_of_the_field_ends_by_itself(modes, control1, conversions, sigma):
+    world = World(FIELD)
+    part = Fxos8700cq(world, MagneticDistortion(), seed=1)
+    write(part, 0.1, 0x2A, control1)
+    write(part, 0.1, 0x5B, modes | 0x20)
+    assert read(part, 0.1001, 0x5B, 1) == bytes([modes | 0x20])
+    assert read(part, 0.1001, 0x32, 1) == b"\x00"
+    # The turn-on time of 1 ms, the conversions, and the next instant of their grid.
+    end_s = 0.101 + 2 * conversions / 1600.0
+    assert read(part, end_s, 0x5B, 1) == bytes([modes])
+    assert read(part, end_s, 0x32, 1) == b"\x0f"
+    first = read(part, end_s, 0x33, 6)
+    others = [words(read(active_fxos8700cq(world), 0.1 + k / 200.0, 0x33, 6)) for k in range(100)]
+    assert np.abs(np.array(words(first)) - np.mean(others, axis=0)).max() < 5.0 * sigma
+    assert read(part, 1.0, 0x32, 1) == b"\x00"  # no other measurement follows
+    assert read(part, 1.0, 0x33, 6) == first
+    write(part, 1.1, 0x5B, modes | 0x20)
+    assert read(part, 1.3, 0x33, 6) != first
 
 
 SHIELD_TO_BODY = {
@@ -218,6 +259,21 @@ def test_die_temperatures_follow_the_world():
     assert read(active_mag3110(world, die_temperature_offset_degc=4.0), 1.0, 0x0F, 1) == bytes([256 - 6])
     assert read(active_fxos8700cq(world), 1.0, 0x51, 1) == bytes([256 - 10])  # -10 / 0.96 = -10.4
     assert read(active_fxas21002c(world), 1.0, 0x12, 1) == bytes([256 - 10])
+
+
+def test_the_fxos8700cq_renews_its_temperature_with_the_field_alone():
+    world = World(FIELD, temperature=Temperature(10.0, 40.0, ramp_s=1.0))
+    part = Fxos8700cq(world, MagneticDistortion(), seed=1)
+    assert read(part, 0.5, 0x51, 1) == b"\x00"
+    write(part, 0.5, 0x5B, 0x1F)
+    write(part, 0.5, 0x2A, 0x0D)
+    warm = read(part, 0.7, 0x51, 1)
+    assert warm == bytes([round(31 / 0.96)])
+    write(part, 0.7, 0x2A, 0x0C)
+    assert read(part, 2.0, 0x51, 1) == warm
+    write(part, 2.0, 0x5B, 0x1C)  # the accelerometer alone
+    write(part, 2.0, 0x2A, 0x0D)
+    assert read(part, 3.0, 0x51, 1) == warm
 
 
 @pytest.mark.parametrize(

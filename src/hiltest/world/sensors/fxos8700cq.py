@@ -1,8 +1,8 @@
 """FXOS8700CQ accelerometer and magnetometer, register by register.
 
 Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not modelled: the embedded event
-functions (their registers read back the written value, so nothing ends the FIFO's trigger mode), one-shot magnetometer
-measurements, automatic hard-iron calibration and sleep; push-pull and open-drain pins are alike.
+functions (their registers read back the written value, so nothing ends the FIFO's trigger mode), automatic hard-iron
+calibration and sleep; push-pull and open-drain pins are alike.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 import struct
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeAlias
 
 from hiltest.state import Restorable
 from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
@@ -28,10 +29,11 @@ M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 
 M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
 MAX_X_MSB, MIN_Z_LSB, M_INT_SRC = 0x45, 0x50, 0x5E
 _IDENTITY = 0xC7
-_ACTIVE, _F_READ = 0x01, 0x02  # CTRL_REG1
+_ACTIVE, _F_READ, _LOW_NOISE = 0x01, 0x02, 0x04  # CTRL_REG1
 _RESET = 0x40  # CTRL_REG2
 _ACTIVE_HIGH = 0x02  # CTRL_REG3
 _FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them; M_INT_SRC has the second
+_ONE_SHOT = 0x20  # M_CTRL_REG1
 _HYBRID_AUTO_INCREMENT, _EXTREMES_OFF, _RESET_EXTREMES = 0x20, 0x10, 0x04  # M_CTRL_REG2
 # Stored bits of each register, without self-clearing ones.
 _KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
@@ -39,6 +41,8 @@ _READ_ONLY = frozenset(
     {*range(0x00, 0x09), 0x0B, 0x0C, 0x0D, 0x16, 0x1E, 0x22, *range(0x32, 0x3F), *range(0x45, 0x52), 0x53, 0x5E}
 )
 _LAST_REGISTER = 0x78
+
+_Table: TypeAlias = tuple[tuple[float, tuple[int, ...]], ...]
 
 _SINGLE_RATES_HZ = (800.0, 400.0, 200.0, 100.0, 50.0, 12.5, 6.25, 1.5625)
 _HYBRID_RATES_HZ = (400.0, 200.0, 100.0, 50.0, 25.0, 6.25, 3.125, 0.78125)
@@ -54,10 +58,27 @@ _OVERSAMPLING = (
     (6.25, (4, 4, 8, 16, 32, 64, 128, 256)),
     (1.5625, (16, 16, 32, 64, 128, 256, 512, 1024)),
 )
+# Number of accelerometer samples averaged per output, by rate and CTRL_REG2's MODS field: normal, low noise and low
+# power, high resolution, low power. Rates that only the hybrid mode has use a row as above.
+_ACCELEROMETER_OVERSAMPLING = (
+    (800.0, (2, 2, 2, 2)),
+    (400.0, (4, 4, 4, 2)),
+    (200.0, (4, 4, 8, 2)),
+    (100.0, (4, 4, 16, 2)),
+    (50.0, (4, 4, 32, 2)),
+    (12.5, (16, 4, 128, 2)),
+    (6.25, (32, 8, 256, 4)),
+    (1.5625, (128, 32, 1024, 16)),
+)
+_HIGH_RESOLUTION = 2
+# Noise without the low-noise mode, relative to that with it: 126 to 99 ug/sqrt(Hz) of the MMA8451Q, whose accelerometer
+# has the same modes; the data sheet of the FXOS8700CQ has one figure.
+_WITHOUT_LOW_NOISE = 126.0 / 99.0
 _MAGNETOMETER_LIMIT = 12_000  # +-1200 uT
 _COUNTS_PER_UT = 10.0
 _ACCELEROMETER_COUNTS_PER_G = 4096.0  # 14-bit counts at 2 g full scale
 _OFFSET_STEP_G = 0.002
+_CONVERSIONS_HZ = 1600.0  # of the magnetometer: two at 800 Hz
 _TEMPERATURE_STEP_DEGC = 0.96
 _RESET_S = 0.001
 
@@ -88,13 +109,27 @@ class Fxos8700cqNoise:
     """Noise of the part, by default the data sheet's."""
 
     accelerometer_density_g: float = 126e-6
-    """Front page, at 200 Hz bandwidth [g/sqrt(Hz)]."""
+    """Front page, at 200 Hz bandwidth [g/sqrt(Hz)]; taken as that of high resolution in the low-noise mode."""
     magnetometer_ut: tuple[float, float] = (1.5, 0.3)
     """rms noise per axis at oversampling 2 and 32 [uT]; a power law between them, constant above 32."""
 
-    def accelerometer_g(self, rate_hz: float) -> float:
-        """Return the rms noise of one axis of the accelerometer [g]; the bandwidth is half the output rate."""
-        return self.accelerometer_density_g * math.sqrt(rate_hz / 2.0)
+    def accelerometer_g(self, rate_hz: float, *, mode: int = _HIGH_RESOLUTION, low_noise: bool = True) -> float:
+        """Return the rms noise of one axis of the accelerometer [g].
+
+        The bandwidth of high resolution is half the output rate; a mode that averages fewer samples has white noise.
+
+        Parameters
+        ----------
+        rate_hz
+            Output rate.
+        mode
+            CTRL_REG2's MODS field, 0 to 3.
+        low_noise
+            CTRL_REG1's low-noise bit.
+        """
+        samples = _row(_ACCELEROMETER_OVERSAMPLING, rate_hz)
+        excess = math.sqrt(samples[_HIGH_RESOLUTION] / samples[mode]) * (1.0 if low_noise else _WITHOUT_LOW_NOISE)
+        return self.accelerometer_density_g * math.sqrt(rate_hz / 2.0) * excess
 
 
 class Fxos8700cq(RegisterDevice):
@@ -159,7 +194,8 @@ class Fxos8700cq(RegisterDevice):
         self._extremes = Extremes(self._magnetometer, self._field_conversion)
         self._registers = bytearray(_LAST_REGISTER + 1)
         self._answers_from_s = 0.0
-        self._sigma_ut = 0.0  # at the oversampling when it became active
+        self._one_shot_s = 0.0  # time at which a single measurement of the field is complete
+        self._sigma_ut = self._sigma_g = 0.0  # of the modes when it became active
 
     def parts(self) -> tuple[Restorable, ...]:
         """Return outputs, FIFO and extremes."""
@@ -231,7 +267,9 @@ class Fxos8700cq(RegisterDevice):
             case 0x5E:
                 return _DATA_READY if self._magnetometer.status(time_s) & 0x08 else 0
             case 0x51:
-                return signed_byte(self._world.temperature_degc(time_s) / _TEMPERATURE_STEP_DEGC)
+                return self._die_temperature(time_s)
+            case 0x5B if time_s < self._one_shot_s:
+                return self._registers[M_CTRL_REG1] | _ONE_SHOT
         return self._registers[register] if register <= _LAST_REGISTER else 0
 
     def write_register(self, register: int, value: int, time_s: float) -> bool:
@@ -251,6 +289,8 @@ class Fxos8700cq(RegisterDevice):
                 self._fifo.configure(value, time_s)
             elif register == M_CTRL_REG2 and value & _RESET_EXTREMES:
                 self._extremes.restart(time_s)
+            elif register == M_CTRL_REG1 and value & _ONE_SHOT:
+                self._measure_once(time_s)
         return True
 
     def _follow_extremes(self, time_s: float) -> None:
@@ -304,13 +344,37 @@ class Fxos8700cq(RegisterDevice):
         first_s = time_s + 2.0 / rate_hz + 0.001
         self._accelerometer.range = self._full_scale
         if mode != 1:
+            low_noise = bool(self._registers[CTRL_REG1] & _LOW_NOISE)
+            self._sigma_g = self._noise.accelerometer_g(
+                rate_hz, mode=self._registers[CTRL_REG2] & 3, low_noise=low_noise
+            )
             self._accelerometer.begin(rate_hz, first_s=first_s)
         self._fifo.begin(time_s)
         if mode in (1, 3):
-            samples = oversampling(rate_hz, self._registers[M_CTRL_REG1] >> 2 & 7)
+            samples = oversampling(rate_hz, self._field_oversampling)
             self._sigma_ut = noise_at_oversampling(samples, self._noise.magnetometer_ut)
             self._magnetometer.begin(rate_hz, first_s=first_s)
             self._extremes.skip(time_s)
+
+    def _measure_once(self, time_s: float) -> None:
+        """Measure the field once in standby, with the oversampling of the present rate."""
+        samples = oversampling(_SINGLE_RATES_HZ[self._registers[CTRL_REG1] >> 3 & 7], self._field_oversampling)
+        self._sigma_ut = noise_at_oversampling(samples, self._noise.magnetometer_ut)
+        rate_hz = _CONVERSIONS_HZ / samples
+        self._follow_extremes(time_s)
+        self._one_shot_s = self._magnetometer.begin(rate_hz, first_s=time_s + 1.0 / rate_hz + 0.001, single=True)
+        self._extremes.skip(time_s)
+
+    def _die_temperature(self, time_s: float) -> int:
+        """Return TEMP, which the part renews with each sample of the field."""
+        instant_s = self._magnetometer.held_instant(time_s)
+        if instant_s is None:
+            return 0
+        return signed_byte(self._world.temperature_degc(instant_s) / _TEMPERATURE_STEP_DEGC)
+
+    @property
+    def _field_oversampling(self) -> int:
+        return self._registers[M_CTRL_REG1] >> 2 & 7
 
     def _reset(self, time_s: float) -> None:
         self._registers = bytearray(_LAST_REGISTER + 1)
@@ -336,7 +400,7 @@ class Fxos8700cq(RegisterDevice):
         if recorded is None:
             true_g = self._world.state_at(instant_s).gravity_body_g
             x, y, z = self._errors.apply(true_g, self._world.temperature_degc(instant_s))
-            sigma_g = self._noise.accelerometer_g(self._accelerometer.rate_hz)
+            sigma_g = self._sigma_g
         else:
             (x, y, z), sigma_g = recorded, 0.0
         # Part axes from body axes: the inverse of body = (y, x, z).
@@ -394,8 +458,12 @@ def _field_word(field_ut: float, offset: int) -> int:
 
 def oversampling(rate_hz: float, code: int) -> int:
     """Return the magnetometer's oversampling ratio at an output rate for an OS code 0..7."""
-    row = min((listed for listed in _OVERSAMPLING if listed[0] >= rate_hz), key=lambda listed: listed[0])
-    return row[1][code]
+    return _row(_OVERSAMPLING, rate_hz)[code]
+
+
+def _row(table: _Table, rate_hz: float) -> tuple[int, ...]:
+    """Return the row of the lowest listed rate that is not below an output rate."""
+    return min(listed for listed in table if listed[0] >= rate_hz)[1]
 
 
 def noise_at_oversampling(samples: int, noise_ut: tuple[float, float]) -> float:
