@@ -186,6 +186,8 @@ class VirtualBench:
             strict=self.firmware == default_firmware(),
             flash_file=flash_file,
         )
+        for uart in self.machine.uarts:
+            uart.line_baud = rig.link.baud
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed

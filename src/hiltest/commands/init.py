@@ -62,7 +62,8 @@ def init(folder: Path, firmware: str | None, sensor: str | None) -> tuple[int, C
 
     With --firmware, the command also writes a rig with the name of DIR. It searches the ELF for lines, packets and
     variables with a heading, a field or a calibration, and for functions to count. At a terminal it asks which ones to
-    use; otherwise the rig has all of them, uncertain ones as comments.
+    use; otherwise the rig has all of them, uncertain ones as comments. If the ELF is for another chip than the virtual
+    board's, the rig is for a real board.
 
     With --sensor, the command writes a module, its register table, a test that passes, and a pyproject.toml with the
     entry point that lets a rig name the sensor.
@@ -111,8 +112,10 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
     from hiltest.rig.bench_files import shipped
     from hiltest.virtual.program.elf import load_image
+    from hiltest.virtual.program.other_chips import other_chip
 
-    proposals = look_at(load_image(firmware))
+    image = load_image(firmware)
+    proposals, chip = look_at(image), other_chip(image)
     if proposals.speaks_our_protocol:
         raise ConfigError(
             f"{firmware} speaks hiltest's own protocol and needs no rig of its own: hiltest run --firmware {firmware}"
@@ -130,10 +133,12 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         kind,
         (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"),
         name=name,
-        firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
+        firmware=None if chip else os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
         choose=choose,
     )
     summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
+    if chip is not None:
+        click.echo(f"{firmware}: {chip}, which the virtual board cannot run: the rig is for its own board")
     click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
     return name, text
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hiltest.boards.bench import VirtualBench
     from hiltest.boards.paced import PacedBench
     from hiltest.boards.served_lines import PortLine
+    from hiltest.virtual.peripherals.uart import Uart
 
 _EXIT_CODES = """
 \b
@@ -208,7 +209,7 @@ def serve(
             waits = ", in reset until a program opens a port" if held else ""
             _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}{waits}; Ctrl-C ends it")
             served = dict(zip(("board", "turntable"), lines, strict=True))
-            _watch(paced, served | {port.name: line for port, line, _ in further}, ending)
+            _watch(paced, served | {port.name: line for port, line, _ in further}, ending, bench.machine.uart0)
     _sum_up(paced, bench)
     if paced.fault is not None:
         raise paced.fault
@@ -248,6 +249,16 @@ def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
     machine = bench.machine
     for sentence in bench.said_of_playback:
         _tell(sentence)
+    device = bench.rig.device
+    is_text = device is not None and device.kinds == ("text",)
+    remark = paced.input.remark(paced.time_s, wrong_speed=machine.uart0.wrong_speed, is_text=is_text)
+    if remark and not bench.rig.answers_requests:
+        _tell(f"board: {remark}")
+    if unanswered := machine.unanswered_part():
+        _tell(f"board: {unanswered}")
+    for uart in machine.uarts[1:]:
+        if uart.host_waiting:
+            _tell(f"board: {uart.host_waiting} bytes came on {uart.name}: serve it by --uart {uart.name[-1]}")
     for access in machine.unmodelled:
         _tell(f"{access}; {access.accesses} access{'es' if access.accesses > 1 else ''}")
     pace = f"{paced.time_s / paced.wall_s:.2f} x real time, " if paced.wall_s > 0.0 else ""
@@ -279,8 +290,9 @@ def _bench(
         flash_file=Path(flash_file) if flash_file else None,
     )
     bench.machine.report_waits(_tell)
-    for uart in bench.machine.uarts:
-        uart.line_baud = baud or described.link.baud
+    if baud is not None:
+        for uart in bench.machine.uarts:
+            uart.line_baud = baud
     return bench
 
 
@@ -331,13 +343,18 @@ def _wait_for_start(paced: PacedBench, ending: list[int]) -> bool:
     return paced.running and not ending
 
 
-def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int]) -> None:
+def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int], uart: Uart) -> None:
     """Report changes until a signal comes or the board ends."""
     connected: dict[str, bool] = dict.fromkeys(lines, False)
     reported_lost: dict[str, int] = dict.fromkeys(lines, 0)
     pace = _pace()
+    wrong_speed = reported_speed = ""
     while not ending:
         time.sleep(_LOOK_EVERY_S)
+        before, wrong_speed = wrong_speed, uart.wrong_speed
+        if wrong_speed and wrong_speed == before != reported_speed:  # start-up code may just be setting the speed
+            reported_speed = wrong_speed
+            _tell(f"board: {wrong_speed}")
         for name, line in lines.items():
             if line.connected != connected[name]:
                 connected[name] = line.connected

@@ -36,6 +36,9 @@ from hiltest.virtual.processor.interrupt import deferred_interrupt
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.other_chips import other_chip, refuse_other_chip
+
+_WAITING_SHARE = 0.9  # of instructions that are passed over, if firmware does nothing but wait
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +88,7 @@ class VirtualK64F(VirtualCortexM4):
     Raises
     ------
     ConfigError
-        If the ELF is not for this processor or does not fit its memories.
+        If the ELF is for another processor or chip, or does not fit the memories.
     """
 
     def __init__(
@@ -107,11 +110,14 @@ class VirtualK64F(VirtualCortexM4):
             )
             return self._chip
 
-        super().__init__(elf, profile=profile, memory=MK64FN1M0, part=microcontroller)
+        image = open_image(elf)
+        refuse_other_chip(image)
+        super().__init__(image, profile=profile, memory=MK64FN1M0, part=microcontroller)
         self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
         self._wires: list[InterruptWires] = []
         self.run_processor = self.processor.run
         self.debugged, self.halted_s = False, 0.0
+        self._looked_at = 0, 0  # instructions executed, and those of waiting loops that were passed over
         self.access = threading.RLock()
 
     # -- reset --------------------------------------------------------------------------------
@@ -191,6 +197,15 @@ class VirtualK64F(VirtualCortexM4):
                         raise fault.ended(str(request)) from None
         finally:
             until.cancel()
+            self._report_silent_wait()
+
+    def _report_silent_wait(self) -> None:
+        """Report once if firmware waits while interrupts are enabled that never come."""
+        core = self.processor.core
+        executed, passed = core.instructions - self._looked_at[0], core.passed - self._looked_at[1]
+        self._looked_at = core.instructions, core.passed
+        if core.sleeping or (passed > 0 and passed > _WAITING_SHARE * executed):
+            self._chip.unmodelled.report_interrupts(self._chip.silent_interrupts(), core.r[15])
 
     def _moment(self, time_s: float) -> Event:
         """Return an event at a virtual time, which stays correct if the clocks change before it."""
@@ -258,6 +273,20 @@ class VirtualK64F(VirtualCortexM4):
     def _stateful(self) -> list[HasState]:
         """Return the stateful objects other than the core and its peripherals in C."""
         return [self._chip, self._leds_and_buttons, *self._wires, self.processor.fault_log, self.processor.waiting]
+
+    def unanswered_part(self) -> str:
+        """Return a sentence about a part that firmware asked only while the part was booting; empty without one."""
+        buses = enumerate(self._chip.i2c_buses)
+        asked = [(bus, number, address, time) for number, bus in buses for address, time in bus.booting.items()]
+        if not asked:
+            return ""
+        bus, number, address, time_s = asked[0]
+        return (
+            f"the {bus.part_name(address)} on I2C{number} was still booting when the firmware asked it, "
+            f"{1e3 * time_s:.1f} ms after power-on, and it was not asked again. On a bench the debugger's reset hides "
+            "this, because the part is powered before. Reset the board (M8 at hiltest serve, faults.reset in a rig), "
+            "or let the firmware wait"
+        )
 
     # -- peripherals of the chip --------------------------------------------------------------
 
@@ -372,15 +401,15 @@ def board_for(
     memory: str | None = None,
     part: Part | None = None,
 ) -> VirtualCortexM4:
-    """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
+    """Return a board that can call functions of an image: a `VirtualK64F` if the image is for the MK64FN1M0.
 
-    If the image needs other memories, or `memory` or `part` names them, the board is a `VirtualCortexM4`.
+    If the image is for another chip, or `memory` or `part` names its memories, the board is a `VirtualCortexM4`.
     """
     image = open_image(elf, core=part.core) if part is not None else open_image(elf)
     if part is not None:
         memories = part.memory_map or memory_map(image, memory)
         return VirtualCortexM4(image, profile=profile, memory=memories, stack="image")
     memories = memory_map(image, memory)
-    if memories == MK64FN1M0:
+    if memories == MK64FN1M0 and other_chip(image) is None:
         return VirtualK64F(image, profile=profile)
     return VirtualCortexM4(image, profile=profile, memory=memories)

@@ -12,7 +12,9 @@ from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.cpu import Processor
 
 _BITS_A_BYTE = 10
-_D = 7
+_C2, _D = 3, 7
+_C2_TE_RE = 0x0C
+_BAUD_TOLERANCE = 0.03  # as in core/uart.c: beyond it bytes are garbled
 
 
 class Uart(CoreDevice):
@@ -57,6 +59,16 @@ class Uart(CoreDevice):
     def line_baud(self, baud: int) -> None:
         self._line_baud = baud
         lib.machine_set_line_baud(self._handle, self.base, baud, round(_BITS_A_BYTE * PICOSECONDS / baud))
+
+    @property
+    def wrong_speed(self) -> str:
+        """Return a sentence if the firmware uses the line at another rate than its far end; empty otherwise."""
+        if not self.read(_C2, 1) & _C2_TE_RE or abs(self.baud / self.line_baud - 1.0) <= _BAUD_TOLERANCE:
+            return ""
+        return (
+            f"the firmware runs {self.name} at {self.baud:.0f} baud, and the line is read at {self.line_baud} baud: "
+            "set the same speed at both ends (baud under [link] in the rig, or in the firmware)"
+        )
 
     def host_write(self, data: bytes) -> None:
         """Put bytes on the line towards the board, one after the other at line speed.
