@@ -42,7 +42,7 @@ def split(example: str) -> tuple[list[str], list[str], list[str], list[str]]:
         for number in (0, 1)
     ]
     period = places[1] - places[0]
-    end = len(lines) - (lines[-1] == "]")
+    end = len(lines) - (lines[-1].startswith("]"))
     begin = end - 2 * period
     return lines[:begin], lines[begin : begin + period], lines[begin + period : end], lines[end:]
 
