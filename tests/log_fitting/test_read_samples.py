@@ -280,8 +280,13 @@ def test_a_hint_is_a_command_that_reads_readings(tmp_path: Path, header: str, co
 
 
 def test_a_file_with_the_name_of_another_sensor_needs_names(tmp_path: Path) -> None:
-    for header, is_refused in (("time,z,y,x", True), ("time,mz,my,mx", False)):
-        path = tmp_path / "Accelerometer.csv"
+    for file, header, is_refused in (
+        ("Accelerometer", "time,z,y,x", True),
+        ("Accelerometer", "time,mz,my,mx", False),
+        ("run_a", "time,z,y,x", False),
+        ("log-g", "time,z,y,x", False),
+    ):
+        path = tmp_path / f"{file}.csv"
         path.write_text(f"{header}\n0,3,-2,1.5\n1,-6.25,5,4\n")
         np.testing.assert_array_equal(read_samples(path, columns="4,3,2").points, _NUMBERS)
         if is_refused:
@@ -485,6 +490,9 @@ def test_a_cloud_in_any_form_and_unit_comes_back(
         "x: {x} y: {y} z: {z} x: {y} y: {z} z: {x}",
         # Rows of two boards, A and B, not of acceleration and field.
         "A,{x},{y},{z}\nB,{y},{z},{x}",
+        # Accelerations and rates.
+        "X: {x} Y: {y} Z: {z} m/s^2",
+        "AR,{x},{y},{z}\nGR,{y},{z},{x}",
         # Readings of particulate matter by the numbers of their channels.
         "sensor@1e (channel 23): {x}\nsensor@1e (channel 24): {y}\nsensor@1e (channel 25): {z}",
         # Two instances of one sensor.

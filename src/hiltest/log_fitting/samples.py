@@ -175,7 +175,7 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
     else:
         places = guessed_columns(headers, table.places, table.index, table.first_rows)
         file, parts = table.path.stem.lower(), filter(None, map(stem_and_axis, table.names(places)))
-        if is_sensor(file) and not MAGNETOMETER_STEM.search(file) and not any(stem for stem, _ in parts):
+        if is_sensor(f"{file} ") and not MAGNETOMETER_STEM.search(file) and not any(stem for stem, _ in parts):
             raise ConfigError("the file has the name of another sensor; if it is wrong, name the columns: --columns")
         if table.index is not None and places == table.places[1:]:
             notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")

@@ -169,8 +169,8 @@ def guessed_columns(
     if len(magnetic) > 1:  # `field_error` or `mag_covariance` beside `magnetometer` is no second magnetometer.
         by_more = {s: triple for s, triple in magnetic.items() if is_magnetometer(_NO_READING.sub("", s))}
         magnetic = by_more or magnetic
-        with suppress(IndexError):  # One that is written twice is no second one either.
-            magnetic = {str([[row[place] for place in t] for row in rows]): t for t in magnetic.values()}
+        if len(rows) >= _FEWEST_ROWS:  # One that is written twice is no second one either.
+            magnetic = {str([[row[place] for place in triple] for row in rows]): triple for triple in magnetic.values()}
     if len(magnetic) == 1:
         return next(iter(magnetic.values()))
     if len(magnetic) > 1:

@@ -305,6 +305,8 @@ def _split_unit(text: str) -> tuple[str, str]:
     matched = _TRAILING_UNIT.match(text)
     if matched is None or (not is_unit(matched[1]) and matched[1] not in ("ns", "us", "ms")):
         return "", text
+    if text.lstrip()[:1] in _CLOSED and matched[2].lstrip().startswith(_OPEN):
+        return "", text  # "mag (1, 2, 3) g (4, 5, 6)"
     return matched[1], matched[2]
 
 
