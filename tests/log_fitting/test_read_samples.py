@@ -505,6 +505,17 @@ def test_a_log_that_has_two_meanings_is_refused(tmp_path: Path, form: str) -> No
         _read(tmp_path, "\n".join(lines) + "\n")
 
 
+@pytest.mark.parametrize("first", ["{row}", "{clock}", "7"])
+def test_a_number_before_three_readings_is_none_of_them(tmp_path: Path, first: str) -> None:
+    lines = [
+        f"MAG {first.format(row=row, clock=f'12:00:{row // 50:02}.{row % 50 * 20:03}')} {x:.3f} {y:.3f} {z:.3f}"
+        for row, (x, y, z) in enumerate(_CLOUD)
+    ]
+    np.testing.assert_allclose(_read(tmp_path, "\n".join(lines)).points, _CLOUD, atol=1e-3)
+    with pytest.raises(ConfigError, match="cannot tell which columns are the magnetometer"):
+        _read(tmp_path, "\n".join(lines[:10]))  # too few rows to know
+
+
 def test_a_magnetometer_that_is_written_twice_is_one(tmp_path: Path) -> None:
     lines = [f"magnetometro X={x:.3f}, Y={y:.3f}, Z={z:.3f}\nMAG,{x:.3f},{y:.3f},{z:.3f}" for x, y, z in _CLOUD]
     np.testing.assert_allclose(_read(tmp_path, "\n".join(lines)).points, _CLOUD, atol=1e-3)

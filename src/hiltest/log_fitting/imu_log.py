@@ -266,7 +266,7 @@ class _Table:
         numbers = []
         for at, name in zip(columns, names, strict=True):
             if row_times is not None and at == row_times.place:
-                numbers.append(row_times.of(row))
+                numbers.append(row_times.read(row))
                 continue
             value = number_in(self.path, row, at, name, quantity="reading of an IMU", largest=LARGEST_READING)
             if not math.isfinite(value) and at not in absent:

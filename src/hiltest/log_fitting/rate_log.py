@@ -264,7 +264,7 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
             if not math.isfinite(values[-1]):
                 raise ConfigError(f"{path}:{row.line}: column {name}: {shown(row.cells[place])} is not a number")
         if row_times is not None:
-            time = row_times.of(row)
+            time = row_times.read(row)
             if time < last_s:
                 raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is before the one above it, {last_s:.9g}")
             times.append(time)

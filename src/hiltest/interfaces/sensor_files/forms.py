@@ -104,7 +104,8 @@ def form_of_rows(rows: Sequence[dict[str, str]], count: int) -> Form | None:
 
 def _named_lines(lines: Sequence[Line]) -> Form | None:
     named = NamedLines(lines)
-    if not named.columns:
+    headers = (_cells_or_nothing(line.text, _delimiter(line.text)) for line in lines if named.counters)
+    if not named.columns or any(map(axis_triples, headers)):
         return None
     notes = [MOTION_CAL_NOTE] if named.word == "raw" else []
 
@@ -430,7 +431,7 @@ class _Look:
 
         def values(lines: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
             for line in lines:
-                cells = self.cells(line.text)
+                ((_, cells, _),) = self.table_rows([line])
                 row = dict(zip(form.headers, cells, strict=True)) if len(cells) == form.width else {}
                 yield line, _joined(row)
 

@@ -23,6 +23,7 @@ from hiltest.interfaces.sensor_files.columns import (
     stem_and_axis,
 )
 from hiltest.interfaces.sensor_files.parsed_lines import Line
+from hiltest.interfaces.sensor_files.times import time_or_nan
 from hiltest.measurement.units import conversion
 
 # A clock; a number, also behind the letter of its axis ("z-0.5"), but not in "m/s^2", "*5A" or "imu-1"; an address.
@@ -97,6 +98,8 @@ class NamedLines:
     ----------
     columns : tuple of str
         Names of the numbers in the first lines, with units in brackets; empty if these lines are something else.
+    counters : set of str
+        Names of numbers before three readings.
     word : str
         First word of the lines if it determines the names of their numbers; empty otherwise.
     """
@@ -105,7 +108,7 @@ class NamedLines:
         self._shapes: dict[tuple[str, ...], tuple[tuple[int, str, float], ...]] = {}
         self._blocks: list[tuple[int, str]] = []
         self._heading = ""
-        self._counters: set[str] = set()
+        self.counters: set[str] = set()
         self.word = ""
         seen: Counter[str] = Counter()
         counters: dict[str, list[float]] = {}
@@ -113,8 +116,8 @@ class NamedLines:
         for line in first_lines:
             values = self.values(line.text)
             seen.update(values.keys())
-            for name in values.keys() & self._counters:
-                counters.setdefault(name, []).append(float(values[name]))
+            for name in values.keys() & self.counters:
+                counters.setdefault(name, []).append(time_or_nan(values[name]))
             rows += not values and len(_VALUE.findall(line.text)) > max(2, len(_WORD.findall(line.text)))
         readings = tuple(f"{name[: -len(_COUNTER)]}." for name, numbers in counters.items() if not _is_counter(numbers))
         often = [
@@ -234,12 +237,13 @@ class NamedLines:
                 called = [f"{name}.{letter}" if name else letter for letter in "xyz"]
                 if not is_vector:  # "$PMAG,17,1,2,3"
                     called.insert(0, f"{name}{_COUNTER}")
-                    self._counters.add(called[0])
+                    self.counters.add(called[0])
             elif len(group.places) > 1 and (parsed is None or parts[2 * group.places[1]] == ","):
                 continue  # "mx=34,59" has a comma as decimal sign, or two numbers
             elif not name:
                 called = ["time"] if ":" in parts[2 * group.places[0] + 1] and not block else []
             elif parsed is None:
+                name = name.rpartition("{")[2].lstrip()  # "RAW_IMU {time_usec : 1, xmag : 2"
                 is_named = group.is_marked or seconds_of(group.name) is not None
                 called = [name] if is_named and _PLAIN.fullmatch(name) else []
             else:

@@ -68,7 +68,7 @@ class RowTimes:
         self.place, self._path, self._name, self._is_clock = column.place, path, name, column.is_clock
         self._last, self._days_s = -math.inf, 0.0
 
-    def of(self, row: TableRow) -> float:
+    def read(self, row: TableRow) -> float:
         """Return the number of a row, or the seconds of its clock, with a day added behind each midnight.
 
         Raises

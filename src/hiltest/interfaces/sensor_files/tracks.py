@@ -96,9 +96,8 @@ def read_table(path: Path, settings: PlaybackFile) -> Recorded:
     for number, row in enumerate(table.rows()):
         if number == MAX_ROWS:
             raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
-        row_s = (
-            number / (settings.rate_hz or 1.0) if time is None or row_times is None else time.unit_s * row_times.of(row)
-        )
+        without_s = number / (settings.rate_hz or 1.0)
+        row_s = without_s if time is None or row_times is None else time.unit_s * row_times.read(row)
         for sensed, columns in by_sensor.items():
             _take(path, row, row_s, columns, times[sensed], readings[sensed])
     tracks = {
