@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,9 +21,11 @@ from hiltest.rig import Rig, build_sensors, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS
-from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
+from hiltest.virtual.board.virtual_machine import BoardSnapshot, VirtualMachine
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
-from hiltest.virtual.peripherals.i2c_bus import HeldLine
+from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
@@ -88,7 +90,7 @@ def _timing_profile(rig: Rig) -> str:
     return named
 
 
-def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
+def _put_faults_on(machine: VirtualMachine, faults: Faults | None) -> None:
     """Apply the faults that belong to the board and not to one of its sensors."""
     if faults and faults.held_line:
         held = faults.held_line
@@ -130,7 +132,7 @@ class VirtualBench:
 
     Attributes
     ----------
-    machine : VirtualK64F
+    machine : VirtualMachine
     execution : ExecutionWatch or None
         Record of the executed instructions.
     firmware : Path
@@ -165,15 +167,7 @@ class VirtualBench:
         self._world = build_world(rig)
         self._world.playback = self.playback = load_playback(rig)
         sensors = build_sensors(rig, self._world, self.seed, faults_from_s=START_UP_S)
-        # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
-        self.machine = VirtualK64F(
-            load_image(self.firmware, base=base),
-            i2c0=sensors["i2c0"],
-            i2c1=sensors["i2c1"],
-            profile=_timing_profile(rig),
-            strict=self.firmware == default_firmware(),
-            flash_file=flash_file,
-        )
+        self.machine = self._make_machine(sensors, base=base, flash_file=flash_file)
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
@@ -185,8 +179,30 @@ class VirtualBench:
                 part = self._parts[described.bus, described.address]
                 self.machine.connect_interrupts(described.bus, part, int1=int1, int2=int2)
 
+    def _make_machine(
+        self, sensors: Mapping[str, Sequence[I2cDevice]], *, base: int | None, flash_file: Path | None
+    ) -> VirtualMachine:
+        """Make the board of the rig with its parts."""
+        rig = self.rig
+        if rig.board.machine == "microbit-v1":
+            if flash_file is not None:
+                raise ConfigError(f"{flash_file}: the virtual micro:bit stores no flash in a file; omit it")
+            profile = _timing_profile(rig) if rig.board.timing else None
+            return VirtualMicrobit(
+                load_image(self.firmware, base=base, core="cortex-m0"), i2c=sensors["i2c0"], profile=profile
+            )
+        return VirtualK64F(
+            load_image(self.firmware, base=base),
+            i2c0=sensors["i2c0"],
+            i2c1=sensors["i2c1"],
+            profile=_timing_profile(rig),
+            # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
+            strict=self.firmware == default_firmware(),
+            flash_file=flash_file,
+        )
+
     def snapshot(self) -> BenchSnapshot:
-        """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""
+        """Take a snapshot of the board and of the world with its table; see `VirtualMachine.snapshot`."""
         return BenchSnapshot(self.machine.snapshot(), self._world.state())
 
     def restore(self, snapshot: BenchSnapshot) -> None:
@@ -314,6 +330,8 @@ class VirtualBench:
     @property
     def firmware_clock_began_s(self) -> float:
         """Virtual time at which the firmware's clock, channel 0 of the PIT, started: soon after power-on or reset."""
+        if not isinstance(self.machine, VirtualK64F):
+            raise ConfigError(f"{self.rig.path}: only firmware of the FRDM-K64F has hiltest's clock")
         return self.machine.timers.enabled_s(0)
 
     def attitude_at(self, board_us: int) -> Pose:

@@ -31,7 +31,7 @@ from hiltest.rig import Rig
 from hiltest.rig.device import Device
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.text import is_text, join_words, legible
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.program.elf import FirmwareImage
 
 # Duration of one read, and the period at which variables are read from memory.
@@ -266,7 +266,7 @@ def open_output(
     open_line: Callable[[], SerialPort],
     *,
     image: FirmwareImage | None,
-    machine: VirtualK64F | None = None,
+    machine: VirtualMachine | None = None,
     transcript: Transcript | None = None,
     tape: Tape = LIVE,
 ) -> OutputInterface:

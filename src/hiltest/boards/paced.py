@@ -17,8 +17,8 @@ from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.served_lines import PortLine
 from hiltest.errors import BenchError, BoardFault
 from hiltest.orientation.angles import Pose
-from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.peripherals.uart import Uart
+from hiltest.virtual.board.machine_chip import SerialLine
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 # Period at which the board is run [s]: no longer than a reply of 20 bytes takes on the line.
 _STEP_S = 0.002
@@ -59,7 +59,7 @@ class SerialPortOfBoard:
         UART of the board; by default UART0.
     """
 
-    def __init__(self, machine: VirtualK64F, uart: Uart | None = None) -> None:
+    def __init__(self, machine: VirtualMachine, uart: SerialLine | None = None) -> None:
         self._machine = machine
         self._uart = uart or machine.uart0
         self._heard_by_s = 0.0  # virtual time at which everything taken so far will have arrived

@@ -79,10 +79,35 @@ def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> 
     )
 
 
+def _microbit_mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
+    from hiltest.world import MagneticDistortion
+    from hiltest.world.sensors import Mag3110
+
+    return Mag3110(
+        world,
+        MagneticDistortion(truth.soft_iron, truth.hard_iron_ut),
+        seed=seed,
+        body_axes=(-2, 1, -3),
+        noise_ut=truth.mag3110_noise_ut,
+        drift=_drift(gain_percent=truth.drift.mag3110_gain_percent_per_degc),
+    )
+
+
+def _microbit_mma8653(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
+    from hiltest.world.sensors import Mma8653
+
+    return Mma8653(world, seed=seed, body_axes=(2, -1, -3), errors=_accelerometer_errors(truth))
+
+
+#: The parts of the BBC micro:bit v1.3, on the back of the board: x to the right, y to the edge with the contacts.
+MICROBIT_PARTS: Mapping[str, Part] = {
+    "microbit-mag3110": Part(0, 0x0E, _microbit_mag3110, {"magnetometer": "MAG3110"}, ("P0.29", None), 2000.0),
+    "microbit-mma8653": Part(0, 0x1D, _microbit_mma8653, {"accelerometer": "MMA8653"}, ("P0.28", "P0.27")),
+}
 #: The parts by their names in a rig's ``world.fitted``: those of the FRDM-FXS-MULTI-B shield on I2C1 with its factory
 #: jumpers (its MAG3110's pin is not connected then), and the one on the board itself, on I2C0, whose INT1 shares its
 #: pin with the button SW2. A MAG3110's word also holds its own zero-flux offset of up to 1000 uT.
-PARTS: Mapping[str, Part] = {
+FRDM_K64F_PARTS: Mapping[str, Part] = {
     "mag3110": Part(1, 0x0E, _mag3110, {"magnetometer": "MAG3110"}, magnetometer_range_ut=2000.0),
     "fxos8700cq": Part(
         1,
@@ -102,6 +127,7 @@ PARTS: Mapping[str, Part] = {
         1200.0,
     ),
 }
+PARTS: Mapping[str, Part] = {**FRDM_K64F_PARTS, **MICROBIT_PARTS}
 
 
 def sensor_names() -> dict[str, list[str]]:

@@ -220,7 +220,7 @@ class Rig:
     def magnetometer_part(self) -> str | None:
         """Part of `PARTS` whose magnetometer is under test; None if unknown."""
         named, fitted = self.sensors.magnetometer, self.world.fitted if self.world else ()
-        for name, part in PARTS.items():
+        for name, part in sorted(PARTS.items(), key=lambda item: item[0] not in fitted):
             magnetometer = part.sensors.get("magnetometer")
             if magnetometer is not None and (name in fitted if named is None else named == magnetometer):
                 return name

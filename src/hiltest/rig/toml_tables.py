@@ -74,6 +74,8 @@ class BoardPlace:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real"]
+    machine: Literal["frdm-k64f", "microbit-v1"] | None = None
+    """Board that a virtual one imitates; None is ``frdm-k64f``."""
     port: str | None = None
     cycle_model: str | None = None
     """Cycle model of a board on a port: ``silicon-dwt``, or the timing profile of a virtual board that is served there.
@@ -86,6 +88,7 @@ class BoardPlace:
     the package. None is hiltest's own."""
 
     def __post_init__(self) -> None:
+        require(self.kind == "virtual" or self.machine is None, "machine", 'belongs to a board of kind "virtual"')
         require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
         require(self.kind == "virtual" or self.firmware is None, "firmware", 'belongs to a board of kind "virtual"')
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.part.chip import is_in
 from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.processor.registers import RegisterGroup
@@ -32,7 +32,7 @@ class DebugAccess:
         Must be halted during every access.
     """
 
-    def __init__(self, machine: VirtualK64F) -> None:
+    def __init__(self, machine: VirtualMachine) -> None:
         self._machine, self._processor = machine, machine.processor
         core_machine = self._processor.machine
         self._groups = [RegisterGroup(core_machine, [name.upper()]) for name in (*CORE_NAMES, *SYSTEM_NAMES)]

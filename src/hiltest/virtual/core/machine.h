@@ -216,6 +216,11 @@ void machine_connect(struct machine *machine, struct machine_bus bus);
  * outlive the machine. Repeated loads of steady bytes are answered without the bus. False if the address is not a
  * device's. */
 bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t *bytes);
+/* Send accesses to a further range of addresses to the bus: registers outside of the peripherals' first MiB and of the
+ * processor's own. False if there are too many ranges. */
+bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size);
+/* Send stores to flash to the bus from now on, because its controller programs words by stores. */
+void machine_pass_flash_stores(struct machine *machine);
 void machine_report_repeated(struct machine *machine, machine_repeated report, void *context);
 /* For a device during a load: the load has a side effect. */
 void machine_load_changed(struct machine *machine);
