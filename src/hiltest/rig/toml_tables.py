@@ -248,6 +248,9 @@ class TurntableSettings:
     """Device or pyserial URL of a motor table with Grbl."""
     covered: CoveredPart | None = None
     """Part of the sphere for a simulated tumble; None for the whole sphere."""
+    tumble_poses_deg: tuple[Triple, ...] | None = None
+    """Poses of the table (heading, pitch, roll) that a simulated tumble visits in equal times, instead of the sphere:
+    the motion that the firmware asks for."""
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
@@ -262,6 +265,12 @@ class TurntableSettings:
             "covered",
             'requires a turntable of kind "simulated"',
         )
+        require(
+            self.tumble_poses_deg is None or (self.kind == "simulated" and self.covered is None),
+            "tumble_poses_deg",
+            'requires a turntable of kind "simulated" without covered',
+        )
+        require(self.tumble_poses_deg is None or len(self.tumble_poses_deg) > 1, "tumble_poses_deg", "needs two poses")
 
 
 @dataclass(frozen=True, slots=True)

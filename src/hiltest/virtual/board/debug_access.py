@@ -95,7 +95,7 @@ class DebugAccess:
         ValueError
             If the address has no memory and no peripheral.
         """
-        if not is_in(_DEVICES, address):
+        if not self._is_device(address):
             return self._processor.memory.read(address, size)
         read = b""
         while len(read) < size:
@@ -112,7 +112,7 @@ class DebugAccess:
         ValueError
             If the address has no memory and no peripheral.
         """
-        if not is_in(_DEVICES, address):
+        if not self._is_device(address):
             self._processor.memory.write(address, data)
             return
         while data:
@@ -120,6 +120,9 @@ class DebugAccess:
             with self._machine.pause_unmodelled():
                 self._machine.bus.write(address, width, int.from_bytes(data[:width], "little"))
             address, data = address + width, data[width:]
+
+    def _is_device(self, address: int) -> bool:
+        return is_in(_DEVICES, address) or self._machine.bus.has(address)
 
     def _access(self, address: int, size: int) -> int:
         """Return the bytes of a peripheral that one access covers."""

@@ -50,6 +50,7 @@ class VirtualK64F(VirtualMachine):
         If the ELF is not for this processor or does not fit its memories.
     """
 
+    title = "FRDM-K64F"
     _chip: Microcontroller
 
     def __init__(

@@ -127,6 +127,7 @@ class VirtualMicrobit(VirtualMachine):
         True if an access to a block that is not modelled is a bus error.
     """
 
+    title = "BBC micro:bit v1.3"
     _chip: Nrf51822
 
     def __init__(
@@ -150,7 +151,6 @@ class VirtualMicrobit(VirtualMachine):
         self._leds_and_buttons = self._display = Display(self._chip.pins, self.clocks.time_s)
 
     def display_rows(self) -> tuple[str, ...]:
-        """Return the five rows of the display, top first: ``#`` for an LED that is lit, ``.`` for another."""
         return self._display.rows()
 
     def hold_line(self, bus: int, hold: HeldLine) -> None:

@@ -94,8 +94,15 @@ class Nrf51822(Restorable):
         self.thermometer = Thermometer(processor, tables, modules["TEMP"])
         self.flash = FlashControl(processor, tables, modules["NVMC"])
         router = EventRouter(processor, tables, modules["PPI"])
-        blocks: list[Block] = [self._power, uart, self.pins, self._pin_events, self.random_numbers, self.thermometer]
-        blocks += [Timer(processor, tables, modules[f"TIMER{number}"]) for number in range(3)]
+        blocks: list[Block | Timer] = [
+            self._power,
+            uart,
+            self.pins,
+            self._pin_events,
+            self.random_numbers,
+            self.thermometer,
+        ]
+        blocks += [Timer(processor, self.clocks.core, modules[f"TIMER{number}"]) for number in range(3)]
         blocks += [RealTimeCounter(processor, tables, modules[f"RTC{number}"]) for number in range(2)]
         blocks += [Twi(processor, tables, modules[name], buses) for name in ("TWI0", "SPI1")]
         router.connect(blocks)

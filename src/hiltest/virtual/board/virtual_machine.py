@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from hiltest.errors import ConfigError, SnapshotError
 from hiltest.state import HasState
@@ -77,6 +77,8 @@ class VirtualMachine(VirtualCortexM4):
 
     Attributes
     ----------
+    title : str
+        Name of the board, for people.
     run_processor : callable
         Runs the processor as `Processor.run` does; a debugger replaces it.
     debugged : bool
@@ -92,6 +94,7 @@ class VirtualMachine(VirtualCortexM4):
         If the image is not for this processor or does not fit its memories.
     """
 
+    title: ClassVar[str]
     _chip: MachineChip
     _leds_and_buttons: LedsOrButtons
 
@@ -302,6 +305,10 @@ class VirtualMachine(VirtualCortexM4):
     def is_on(self, name: str) -> bool:
         """Return whether an LED is lit or a button is pressed."""
         return self._leds_and_buttons.is_on(name)
+
+    def display_rows(self) -> tuple[str, ...]:
+        """Return the rows of the display, top first: ``#`` for an LED that is lit, ``.`` for another; empty without."""
+        return ()
 
     def drive(self, pin: str, high: bool) -> None:
         """Drive a pin of the chip from outside, such as ``PTC5`` of the K64F."""

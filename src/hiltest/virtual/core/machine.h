@@ -354,6 +354,17 @@ bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit 
 /* Return the time at which a channel was last enabled. */
 int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
 
+/* TIMER of the nRF51 on its high-frequency clock. While it is routed, `route` is called with the address of each compare
+ * event; `routed` is for the library. */
+struct machine_nrf51_timer {
+    int32_t interrupt, clock;
+    void (*route)(void *context, uint32_t event);
+    void (*routed)(void *context, uint32_t event);
+    void *context;
+};
+bool machine_add_nrf51_timer(struct machine *machine, uint32_t base, struct machine_nrf51_timer connections);
+void machine_route_nrf51_timer(struct machine *machine, uint32_t base, bool is_routed);
+
 /* FTM. `changed` is called when a reported channel changes its level, `note` at a write that requests an unmodelled
  * function. */
 struct machine_ftm {

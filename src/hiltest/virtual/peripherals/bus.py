@@ -192,6 +192,10 @@ class PeripheralBus(Restorable):
         peripheral = self._open[address >> 12] = self._pages[address >> 12]
         return peripheral
 
+    def has(self, address: int) -> bool:
+        """Return whether an address is in the page of a peripheral."""
+        return address >> 12 in self._pages
+
     def read(self, address: int, size: int) -> int:
         """Read a register by its address, without checks."""
         return self._pages[address >> 12].read(address & 0xFFF, size)

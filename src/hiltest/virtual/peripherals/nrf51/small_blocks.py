@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 
 from hiltest.virtual.part.chip import Chip, ChipPeripheral
 from hiltest.virtual.peripherals.nrf51.block import CLOCK_HZ, Alarm, Block, changed_bits
+from hiltest.virtual.peripherals.nrf51.timers import Timer
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.processor.cpu import Processor
 
@@ -86,11 +87,11 @@ class EventRouter(Block):
     """PPI: channels from an event of a block to a task of another one. Channel groups are not modelled."""
 
     def __init__(self, processor: Processor, chip: Chip, module: ChipPeripheral) -> None:
-        self._blocks: dict[int, Block] = {}
+        self._blocks: dict[int, Block | Timer] = {}
         self._channels: dict[int, list[int]] = {}  # task endpoints of the enabled channels, by event
         super().__init__(processor, chip, module, tasks={})
 
-    def connect(self, blocks: Iterable[Block]) -> None:
+    def connect(self, blocks: Iterable[Block | Timer]) -> None:
         """Connect the blocks whose events and tasks it routes."""
         for block in blocks:
             self._blocks[block.base] = block
@@ -118,6 +119,9 @@ class EventRouter(Block):
             if self.word(_ENABLED) >> channel & 1:
                 event, task = self.word(_CHANNEL + 8 * channel), self.word(_CHANNEL + 8 * channel + 4)
                 self._channels.setdefault(event, []).append(task)
+        for block in self._blocks.values():
+            if isinstance(block, Timer):
+                block.route(any(event & ~0xFFF == block.base for event in self._channels))
 
 
 class RandomNumbers(Block):
