@@ -6,9 +6,9 @@ import pytest
 from hiltest.orientation.angles import Pose
 from hiltest.world.distortion import MagneticDistortion
 from hiltest.world.earth_field import EarthField
+from hiltest.world.sensors import AccelerometerErrors, Fxos8700cq
 from hiltest.world.sensors.drift import Drift
 from hiltest.world.sensors.fxas21002c import Fxas21002c
-from hiltest.world.sensors.fxos8700cq import AccelerometerErrors, Fxos8700cq
 from hiltest.world.sensors.mag3110 import Mag3110
 from hiltest.world.temperature import Temperature
 from hiltest.world.world import World

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hiltest.measurement.sensor_registers import Bits, Register, Setting, names_setting, registers_of
 from hiltest.world import EarthField, MagneticDistortion, World
-from hiltest.world.sensors import Fxas21002c, Fxos8700cq, Mag3110, Mma8653, RegisterDevice
+from hiltest.world.sensors import Fxas21002c, Fxos8700cq, Mag3110, RegisterDevice
 
 from .bus_master import read, write
 
@@ -21,16 +21,14 @@ PARTS: dict[str, Callable[[], RegisterDevice]] = {
     "MAG3110": lambda: Mag3110(WORLD(), DISTORTION, seed=1),
     "FXOS8700CQ": lambda: Fxos8700cq(WORLD(), DISTORTION, seed=1),
     "FXAS21002C": lambda: Fxas21002c(WORLD(), seed=1, bias_dps=(1.0, -2.0, 3.0)),
-    "MMA8653": lambda: Mma8653(WORLD(), seed=1),
 }
-# The registers with which the packaged firmware, or the micro:bit's, makes a part measure; the last one ends standby.
+# The registers with which the packaged firmware makes a part measure; the last one ends standby.
 RUNNING = {
     "MAG3110": {0x11: 0xA0, 0x10: 0x01},
     "FXOS8700CQ": {0x0E: 0x01, 0x2B: 0x02, 0x5B: 0x1F, 0x5C: 0x00, 0x2A: 0x0D},
     "FXAS21002C": {0x0D: 0x00, 0x15: 0x00, 0x13: 0x0A},
-    "MMA8653": {0x2B: 0x10, 0x2D: 0x01, 0x2E: 0x01, 0x0E: 0x00, 0x2A: 0x21},
 }
-OUTPUTS = {"MAG3110": [0x01], "FXOS8700CQ": [0x01, 0x33], "FXAS21002C": [0x01], "MMA8653": [0x01]}
+OUTPUTS = {"MAG3110": [0x01], "FXOS8700CQ": [0x01, 0x33], "FXAS21002C": [0x01]}
 
 
 def assumed() -> Iterator[tuple[str, int, Register, Bits]]:

@@ -191,7 +191,7 @@ def test_a_pin_that_is_none_is_refused_wherever_it_is_named(build: Build, name: 
     for ask in (
         lambda: board.level(name),
         lambda: board.drive(name, True),
-        lambda: board.connect_interrupts(0, part, int1=None, int2=name),
+        lambda: board.connect_interrupts("i2c0", part, {"INT2": name}),
     ):
         with pytest.raises(ConfigError, match=r"the MK64FN1M0 has no pin .*; write PTA0 to PTE31"):
             ask()

@@ -148,7 +148,7 @@ def test_the_wire_of_a_sensor_rises_again(build: Callable[..., Path]) -> None:
     board = VirtualK64F(build(LOOK.replace("function look", "function look\n b look")), i2c1=[part])
     board.run_until(0.001)
     assert write(part, 0.001, 0x10, 0x01)  # active: the first sample comes behind a period of 12.5 ms
-    board.connect_interrupts(1, part, int1="PTC5", int2=None)
+    board.connect_interrupts("i2c1", part, {"INT1": "PTC5"})
     board.bus.write(0x4004B014, 4, 1 << 8)  # PORTC_PCR5: GPIO
     snapshot, levels = board.snapshot(), list[bool]()
     for _ in range(2):

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.world.faces import askew
+from hiltest.world.sensors import AccelerometerErrors
 from hiltest.world.sensors.drift import REFERENCE_DEGC
-from hiltest.world.sensors.fxos8700cq import AccelerometerErrors
 
 DOWN = np.array([0.0, 0.0, 1.0])
 _turn = st.tuples(*[st.floats(-2.0, 2.0)] * 3)

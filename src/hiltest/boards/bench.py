@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,14 @@ from hiltest.interfaces.sensor_files.recorded_motion import load_playback
 from hiltest.json_files import read_json
 from hiltest.link.replies import SensorInfo
 from hiltest.orientation.angles import Pose
-from hiltest.rig import Rig, build_sensors, build_world
+from hiltest.rig import Rig, build_parts, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
-from hiltest.rig.parts import PARTS
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
 from hiltest.virtual.board.virtual_machine import BoardSnapshot, VirtualMachine
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
-from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
+from hiltest.virtual.peripherals.i2c_bus import HeldLine
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.processor.executed_code import ExecutionWatch
 from hiltest.virtual.program.elf import load_image
@@ -33,11 +32,14 @@ from hiltest.world import Vector
 from hiltest.world.faces import askew
 from hiltest.world.motion import MOVE_GRID_S, MotionSegment
 from hiltest.world.recorded_motion import Sensed
+from hiltest.world.sensors import RegisterDevice
+from hiltest.world.sensors.faulty_part import FaultyPart
 from hiltest.world.sensors.sampling import SampledOutput
 from hiltest.world.sway import SWAY_S, Sway
 
 #: Time from power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
+Word = TypeVar("Word", np.int64, np.float64)
 _RESETS = {"button": ResetSource.PIN, "brown-out": ResetSource.POWER_ON}
 
 
@@ -99,10 +101,10 @@ def _put_faults_on(machine: VirtualMachine, faults: Faults | None) -> None:
         machine.reset_at(START_UP_S + faults.reset.after_s, _RESETS[faults.reset.by])
 
 
-def _turn_to_body(words: NDArray[np.int64], output: SampledOutput) -> NDArray[np.int64]:
+def _turn_to_body(words: NDArray[Word], output: SampledOutput) -> NDArray[Word]:
     """Return words along the axes of the part, shape (..., 3), along those of the body."""
     axes = np.array(output.body_axes)
-    return np.asarray(words[..., np.abs(axes) - 1] * np.sign(axes))
+    return np.asarray(words[..., np.abs(axes) - 1] * np.sign(axes).astype(words.dtype))
 
 
 class BenchSnapshot(NamedTuple):
@@ -166,35 +168,59 @@ class VirtualBench:
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
         self._world.playback = self.playback = load_playback(rig)
-        sensors = build_sensors(rig, self._world, self.seed, faults_from_s=START_UP_S)
-        self.machine = self._make_machine(sensors, base=base, flash_file=flash_file)
+        parts = build_parts(rig, self._world, self.seed, faults_from_s=START_UP_S)
+        i2c: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
+        spi: dict[str, dict[str, RegisterDevice | FaultyPart]] = {"spi0": {}, "spi1": {}, "spi2": {}}
+        for name, place in rig.parts.items():
+            if place.chip_select is None:
+                i2c[place.bus] += [parts[name], *parts[name].companions]
+            else:
+                spi[place.bus][place.chip_select] = parts[name]
+        self.machine = self._make_machine(i2c, spi, base=base, flash_file=flash_file)
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
         self.machine.set_temperature(lambda: self.temperature_degc)
-        self._parts = {(bus, part.address): part for bus in (0, 1) for part in sensors[f"i2c{bus}"]}
-        for described in (PARTS[name] for name in rig.world.fitted):
-            int1, int2 = described.pins
-            if int1 or int2:
-                part = self._parts[described.bus, described.address]
-                self.machine.connect_interrupts(described.bus, part, int1=int1, int2=int2)
+        self._parts: dict[tuple[str, int | str], RegisterDevice | FaultyPart] = {
+            (bus, part.address): part for bus, on_bus in i2c.items() for part in on_bus
+        }
+        self._parts |= {(bus, pin): part for bus, on_bus in spi.items() for pin, part in on_bus.items()}
+        self._named = parts
+        for name, place in rig.parts.items():
+            for device in (parts[name], *parts[name].companions):
+                pins = {pin: wire for pin, wire in place.interrupts.items() if pin in device.pins}
+                if pins:
+                    self.machine.connect_interrupts(place.bus, device, pins)
 
     def _make_machine(
-        self, sensors: Mapping[str, Sequence[I2cDevice]], *, base: int | None, flash_file: Path | None
+        self,
+        i2c: Mapping[str, Sequence[RegisterDevice | FaultyPart]],
+        spi: Mapping[str, Mapping[str, RegisterDevice | FaultyPart]],
+        *,
+        base: int | None,
+        flash_file: Path | None,
     ) -> VirtualMachine:
         """Make the board of the rig with its parts."""
         rig = self.rig
         if rig.board.machine == "microbit-v1":
             if flash_file is not None:
                 raise ConfigError(f"{flash_file}: the virtual micro:bit stores no flash in a file; omit it")
+            strangers = [name for name, place in rig.parts.items() if place.bus != "i2c0"]
+            if strangers:
+                raise ConfigError(
+                    f"{rig.path}: {', '.join(strangers)}: the micro:bit has one bus, i2c0; leave the shield's parts "
+                    "out by world.fitted = []"
+                )
             profile = _timing_profile(rig) if rig.board.timing else None
-            return VirtualMicrobit(
-                load_image(self.firmware, base=base, core="cortex-m0"), i2c=sensors["i2c0"], profile=profile
-            )
+            image = load_image(self.firmware, base=base, core="cortex-m0")
+            return VirtualMicrobit(image, i2c=i2c["i2c0"], profile=profile)
         return VirtualK64F(
             load_image(self.firmware, base=base),
-            i2c0=sensors["i2c0"],
-            i2c1=sensors["i2c1"],
+            i2c0=i2c["i2c0"],
+            i2c1=i2c["i2c1"],
+            spi0=spi["spi0"],
+            spi1=spi["spi1"],
+            spi2=spi["spi2"],
             profile=_timing_profile(rig),
             # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
             strict=self.firmware == default_firmware(),
@@ -259,11 +285,12 @@ class VirtualBench:
 
     def write_sensor(self, bus: int, address: int, register: int, value: int) -> None:
         """Write a register of a sensor without the firmware, as another master on the I2C bus would."""
-        part, now_s = self._parts[bus, address], self.machine.time_s
+        part, now_s = self._parts[f"i2c{bus}", address], self.machine.time_s
         part.start(False, now_s)
         part.write(register, now_s)
         part.write(value, now_s)
         part.stop(now_s)
+        self.machine.update_interrupts()
 
     def forget_deliveries(self) -> None:
         """Forget the samples and registers that the sensors have delivered so far."""
@@ -274,7 +301,7 @@ class VirtualBench:
 
     def delivered(self, sensor: SensorInfo) -> Samples:
         """Return the samples that a sensor has delivered since then, in the body frame."""
-        part = self._parts[sensor.bus, sensor.address]
+        part = self._parts[f"i2c{sensor.bus}", sensor.address]
         output = next(output for output in part.outputs if output.quantity.name == sensor.kind.name)
         rows = list(output.deliveries)
         words = np.array([row.words for row in rows], np.int64).reshape(-1, 3)
@@ -289,7 +316,10 @@ class VirtualBench:
     def delivered_fields(self) -> dict[str, list[int]]:
         """Return the number and the sums of the samples that the parts have delivered since power-on."""
         return {
-            name: [output.delivered[0], *_turn_to_body(np.array(output.delivered[1:]), output).tolist()]
+            name: [
+                round(output.delivered[0]),
+                *_turn_to_body(np.array(output.delivered[1:]).round().astype(np.int64), output).tolist(),
+            ]
             for name, output in self._fields_of_earth()
         }
 
@@ -297,34 +327,34 @@ class VirtualBench:
         """Return the latest samples that the parts have delivered, with their times."""
         samples = {}
         for name, output in self._fields_of_earth():
-            words = np.array([row.words for row in output.deliveries], np.int64).reshape(-1, 3) << output.range
-            samples[name] = np.column_stack([[row.time_s for row in output.deliveries], _turn_to_body(words, output)])
+            counts = np.array([row.words for row in output.deliveries], np.float64).reshape(-1, 3) * output.weight
+            times_s = np.array([row.time_s for row in output.deliveries])
+            samples[name] = np.column_stack([times_s, _turn_to_body(counts, output)])
         return samples
 
     def _fields_of_earth(self) -> Iterator[tuple[str, SampledOutput]]:
         """Return the magnetometers and accelerometers that have delivered samples, by bus and address."""
-        for (bus, address), part in self._parts.items():
+        for (bus, place), part in self._parts.items():
             for output in part.outputs:
                 if output.quantity is not Sensed.GYROSCOPE and output.delivered[0]:
                     unit = " g" if output.quantity is Sensed.ACCELEROMETER else ""
-                    yield f"{bus}:{address:02x}{unit}", output
+                    address = f"{bus}:{place}" if isinstance(place, str) else f"{bus[-1]}:{place:02x}"
+                    yield f"{address}{unit}", output
 
     def delivered_temperature(self, sensor: SensorInfo) -> int | None:
         """Return the temperature byte that a sensor's part has delivered since then; None without one."""
-        part = self._parts[sensor.bus, sensor.address]
+        part = self._parts[f"i2c{sensor.bus}", sensor.address]
         return part.transferred.get(part.temperature_register)
 
     def sensor_settings(self) -> list[PartSettings]:
         """Return the registers of the parts that run, or that they had at their latest sample."""
         settings = []
-        for name in self.rig.world.fitted if self.rig.world else ():
-            place = PARTS[name]
-            part = self._parts[place.bus, place.address]
-            if any(output.delivered[0] or math.isfinite(output.next_sample_s(self.time_s)) for output in part.outputs):
-                prefix, dash, kind = name.rpartition("-")
-                settings.append(
-                    PartSettings(f"{prefix}{dash}{kind.upper()}", place.bus, place.address, part.sampled_settings())
-                )
+        for part_name, place in self.rig.parts.items():
+            part = self._named[part_name]
+            for kind, device in zip(place.kinds, (part, *part.companions), strict=True):
+                if any(row.delivered[0] or math.isfinite(row.next_sample_s(self.time_s)) for row in device.outputs):
+                    name = f"{place.prefix}{kind}"
+                    settings.append(PartSettings(name, place.number, device.address, device.sampled_settings()))
         return settings
 
     @property

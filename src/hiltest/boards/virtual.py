@@ -321,7 +321,7 @@ def truth_of(rig: Rig) -> Truth | None:
         hard_iron_ut=np.array(truth.hard_iron_counts) / COUNTS_PER_UT,
         field_ut=truth.field.strength_ut,
         dip_deg=truth.field.dip_deg,
-        magnetometer_sigma_ut=rig.world.noise_ut(rig.magnetometer_part or "mag3110"),
+        magnetometer_sigma_ut=rig.magnetometer_under_test.magnetometer_noise_ut(rig.world),
         accelerometer_sigma_g=Fxos8700cqNoise().accelerometer_g(SAMPLE_RATE_HZ),
         accelerometer_response=np.array(truth.accelerometer_response),
         accelerometer_offset_g=np.array(truth.accelerometer_offset_g),

@@ -1,6 +1,6 @@
 """Registers of sensors: meaning of their bits, and the values that the models of the parts carry out.
 
-``sensor_registers.toml`` is the one table of these facts.
+The table of a part, a TOML file beside its model, is the one place of these facts; docs/sensors.md describes it.
 """
 
 from __future__ import annotations
@@ -10,13 +10,19 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 MOMENTS: Mapping[str, str] = {"set_up": "after set-up", "turn": "in a turn", "known_angles": "at the known angles"}
 """Moments at which a run records the registers, by the last part of the measurement's name."""
 
-_TABLE = Path(__file__).with_name("sensor_registers.toml")
+#: Group of entry points: each names the model of a part, which has its table beside it.
+GROUP = "hiltest.sensors"
+_TABLES = Path(__file__).parents[1] / "world" / "sensors"
+# Keys of a register that only its model reads.
+_OF_THE_MODEL = frozenset({"address", "size", "value", "writes", "clears", "resets"})
 _ALL_BITS = 0xFF
 _SETTING = re.compile(r"(\S+) (\S+) 0x[0-9A-F]{2}")
 
@@ -101,20 +107,32 @@ def names_setting(text: str) -> bool:
 @cache
 def registers_of(part: str) -> Mapping[int, Register]:
     """Return the registers of a part by address; none of an unknown part."""
-    table = tomllib.loads(_TABLE.read_text(encoding="utf-8")).get(part.rpartition("-")[2], {})
-    return dict(_read_registers(table))
+    name = part.rpartition("-")[2].lower()
+    folders = [_TABLES, *map(_folder_of, entry_points(group=GROUP))]
+    table = next((folder / f"{name}.toml" for folder in folders if (folder / f"{name}.toml").is_file()), None)
+    return {} if table is None else dict(_read_registers(tomllib.loads(table.read_text(encoding="utf-8"))))
+
+
+def _folder_of(model: EntryPoint) -> Path:
+    """Return the folder of a user's model, which is not imported."""
+    specification = find_spec(model.module)
+    return Path(specification.origin or "").parent if specification else Path()
 
 
 def _read_registers(table: dict[str, Any]) -> Iterator[tuple[int, Register]]:
-    offsets = table.pop("offsets", [])
+    offsets = table.get("offsets", [])
     groups = [
         (Bits("user offset", _ALL_BITS), first, last) for first, last in zip(offsets[::2], offsets[1::2], strict=True)
     ]
-    groups += [(Bits(meaning, _ALL_BITS, 0), *ends) for meaning, ends in table.pop("functions", {}).items()]
+    groups += [(Bits(meaning, _ALL_BITS, 0), *ends) for meaning, ends in table.get("functions", {}).items()]
     for bits, first, last in groups:
         for address in range(first, last + 1):
             yield address, Register(f"0x{address:02X}", (bits,), is_setting=False)
-    for name, row in table.items():
-        address = row.pop("address")
-        values = {meaning: mask if isinstance(mask, list) else [mask] for meaning, mask in row.items()}
-        yield address, Register(name, tuple(Bits(meaning, *mask) for meaning, mask in values.items()), is_setting=True)
+    for name, row in table["registers"].items():
+        values = {
+            meaning: mask if isinstance(mask, list) else [mask]
+            for meaning, mask in row.items()
+            if meaning not in _OF_THE_MODEL
+        }
+        if values:
+            yield row["address"], Register(name, tuple(Bits(meaning, *mask) for meaning, mask in values.items()), True)

@@ -12,10 +12,9 @@ from hiltest.world.sensors.faulty_part import FaultyPart
 
 
 def fitted_part(
-    name: str, make: Callable[[Part], RegisterDevice], faults: Faults | None, *, began_s: float
+    name: str, part: Part, make: Callable[[Part], RegisterDevice], faults: Faults | None, *, began_s: float
 ) -> RegisterDevice | FaultyPart:
     """Create a part with its faults, whose times count from `began_s` [virtual s]."""
-    part = PARTS[name]
     if faults and faults.sensor and faults.sensor.part == name:
         return _faulty(faults.sensor, part, make, *span_of(faults.sensor, began_s))
     if faults and faults.reset and faults.reset.by == "brown-out":
@@ -29,16 +28,19 @@ def _faulty(
 ) -> RegisterDevice | FaultyPart:
     if fault.fault in ("absent", "other part"):
         return FaultyPart(
-            lambda: make(part), begin_s, end_s, _another(fault.part, make) if fault.fault == "other part" else None
+            lambda: make(part),
+            begin_s,
+            end_s,
+            _another(fault.part, part, make) if fault.fault == "other part" else None,
         )
     device = make(part)
-    for output in device.outputs:
+    for output in (output for one in (device, *device.companions) for output in one.outputs):
         (output.freeze if fault.fault == "frozen" else output.saturate)(begin_s, end_s)
     return device
 
 
-def _another(name: str, make: Callable[[Part], RegisterDevice]) -> RegisterDevice:
+def _another(name: str, part: Part, make: Callable[[Part], RegisterDevice]) -> RegisterDevice:
     """Create a part of another kind at the address of a part."""
     other = make(PARTS["fxas21002c" if "fxos8700cq" in name else "fxos8700cq"])
-    other.address = PARTS[name].address
+    other.address = part.address
     return other

@@ -1,40 +1,68 @@
-"""The sensor parts of the bench: bus address, names in the firmware, and model of each.
+"""The sensor parts of a board: bus, place, names in the firmware, and model of each.
 
-Importing this module is cheap: the models are imported when a board is built.
+Importing this module is cheap: the models are imported when a rig names one of its own, or when a board is built.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from hiltest.rig.toml_tables import Triple
+from hiltest.errors import nearest_hint
+from hiltest.measurement.sensor_registers import GROUP
+from hiltest.rig.toml_tables import Axes, SensorPart, Triple, require
 
 if TYPE_CHECKING:
     from hiltest.rig.world import SimulatedWorld
     from hiltest.world import World
-    from hiltest.world.sensors import AccelerometerErrors, Drift, Fxos8700cq, RegisterDevice
+    from hiltest.world.sensors import AccelerometerErrors, Drift, Fxos8700cq, RegisterDevice, TableSensor
+
+_NONE: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One part on an I2C bus."""
+    """One part on an I2C or SPI bus."""
 
-    bus: int
+    bus: str
+    """Module of the chip, such as ``i2c1``."""
     address: int
-    """I2C module, and the part's 7-bit address."""
+    """7-bit address on an I2C bus."""
     make: Callable[[World, SimulatedWorld, int, Part], RegisterDevice]
     """Creates the model from the world, the rig's table of it, the noise seed, and this part."""
     sensors: Mapping[str, str]
     """Name of each of its sensors in the packaged firmware, by kind."""
-    pins: tuple[str | None, str | None] = field(default=(None, None))
-    """Pins of the processor that its INT1 and INT2 are wired to."""
+    interrupts: Mapping[str, str] = field(default_factory=dict)
+    """Pins of the processor by the part's pins that are wired to them."""
     magnetometer_range_ut: float | None = None
     """Range of a magnetometer axis, data sheet."""
+    magnetometer_noise_ut: Callable[[SimulatedWorld], float] = lambda _truth: 0.0
+    """Returns the rms noise of its magnetometer as the packaged firmware configures it."""
+    magnetometer_offset_ut: Callable[[SimulatedWorld], Triple] = lambda _truth: _NONE
+    """Returns the zero-flux offset of its magnetometer, body frame."""
+    kinds: tuple[str, ...] = ()
+    """Names of the part's devices in their register tables."""
+    prefix: str = ""
+    """Text before these names for the second part of a kind, such as ``onboard-``."""
+    chip_select: str | None = None
+    """Pin that selects it on an SPI bus."""
+    pins: tuple[str, ...] = ("INT1", "INT2")
+    """Interrupt pins that the part has."""
+    axes: Axes | None = None
+    """Axes of the part along x, y and z of the board, if a rig may change them."""
+
+    @property
+    def number(self) -> int:
+        """Number of the bus among those of its kind."""
+        return int(self.bus[-1])
 
 
-def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
+def _mag3110(world: World, truth: SimulatedWorld, seed: int, part: Part) -> RegisterDevice:
     from hiltest.world import MagneticDistortion
     from hiltest.world.sensors import Mag3110
 
@@ -42,6 +70,8 @@ def _mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> Reg
         world,
         MagneticDistortion(truth.soft_iron, truth.hard_iron_ut),
         seed=seed,
+        address=part.address,
+        axes=part.axes,
         noise_ut=truth.mag3110_noise_ut,
         drift=_drift(gain_percent=truth.drift.mag3110_gain_percent_per_degc),
     )
@@ -54,10 +84,10 @@ def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> F
     drift = truth.drift
     return Fxos8700cq(
         world,
-        MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut("fxos8700cq")),
+        MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut(PARTS["fxos8700cq"])),
         seed=seed,
         address=part.address,
-        name="shield" if part.bus == 1 else "onboard",
+        name="shield" if part.bus == "i2c1" else "onboard",
         errors=_accelerometer_errors(truth),
         noise=Fxos8700cqNoise(magnetometer_ut=truth.fxos8700cq_noise_ut),
         magnetometer_drift=_drift(
@@ -66,12 +96,13 @@ def _fxos8700cq(world: World, truth: SimulatedWorld, seed: int, part: Part) -> F
     )
 
 
-def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
+def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, part: Part) -> RegisterDevice:
     from hiltest.world.sensors import Fxas21002c
 
     return Fxas21002c(
         world,
         seed=seed,
+        address=part.address,
         bias_dps=truth.gyroscope_bias_dps,
         drift=_drift(offset=truth.drift.gyroscope_bias_dps_per_degc),
         noise_density=1e-3 * truth.gyroscope_noise_mdps_per_rthz,
@@ -79,61 +110,214 @@ def _fxas21002c(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> 
     )
 
 
-def _microbit_mag3110(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
-    from hiltest.world import MagneticDistortion
-    from hiltest.world.sensors import Mag3110
-
-    return Mag3110(
-        world,
-        MagneticDistortion(truth.soft_iron, truth.hard_iron_ut),
-        seed=seed,
-        body_axes=(-2, 1, -3),
-        noise_ut=truth.mag3110_noise_ut,
-        drift=_drift(gain_percent=truth.drift.mag3110_gain_percent_per_degc),
-    )
-
-
-def _microbit_mma8653(world: World, truth: SimulatedWorld, seed: int, _part: Part) -> RegisterDevice:
-    from hiltest.world.sensors import Mma8653
-
-    return Mma8653(world, seed=seed, body_axes=(2, -1, -3), errors=_accelerometer_errors(truth))
-
-
-#: The parts of the BBC micro:bit v1.3, on the back of the board: x to the right, y to the edge with the contacts.
-MICROBIT_PARTS: Mapping[str, Part] = {
-    "microbit-mag3110": Part(0, 0x0E, _microbit_mag3110, {"magnetometer": "MAG3110"}, ("P0.29", None), 2000.0),
-    "microbit-mma8653": Part(0, 0x1D, _microbit_mma8653, {"accelerometer": "MMA8653"}, ("P0.28", "P0.27")),
-}
+_FXOS8700CQ = Part(
+    "i2c1",
+    0x1E,
+    _fxos8700cq,
+    {"magnetometer": "FXOS8700CQ magnetometer", "accelerometer": "FXOS8700CQ accelerometer"},
+    {"INT1": "PTB9", "INT2": "PTB23"},
+    1200.0,
+    lambda truth: math.sqrt(math.prod(truth.fxos8700cq_noise_ut)),
+    lambda truth: truth.fxos8700cq_zero_flux_ut,
+    ("FXOS8700CQ",),
+)
 #: The parts by their names in a rig's ``world.fitted``: those of the FRDM-FXS-MULTI-B shield on I2C1 with its factory
 #: jumpers (its MAG3110's pin is not connected then), and the one on the board itself, on I2C0, whose INT1 shares its
 #: pin with the button SW2. A MAG3110's word also holds its own zero-flux offset of up to 1000 uT.
-FRDM_K64F_PARTS: Mapping[str, Part] = {
-    "mag3110": Part(1, 0x0E, _mag3110, {"magnetometer": "MAG3110"}, magnetometer_range_ut=2000.0),
-    "fxos8700cq": Part(
-        1,
-        0x1E,
-        _fxos8700cq,
-        {"magnetometer": "FXOS8700CQ magnetometer", "accelerometer": "FXOS8700CQ accelerometer"},
-        ("PTB9", "PTB23"),
-        1200.0,
+PARTS: Mapping[str, Part] = {
+    "mag3110": Part(
+        "i2c1",
+        0x0E,
+        _mag3110,
+        {"magnetometer": "MAG3110"},
+        magnetometer_range_ut=2000.0,
+        magnetometer_noise_ut=lambda truth: truth.mag3110_noise_ut[0],
+        kinds=("MAG3110",),
+        pins=("INT1",),
+        axes=("-y", "-x", "z"),
     ),
-    "fxas21002c": Part(1, 0x20, _fxas21002c, {"gyroscope": "FXAS21002C"}, ("PTA2", None)),
-    "onboard-fxos8700cq": Part(
-        0,
-        0x1D,
-        _fxos8700cq,
-        {"magnetometer": "on-board FXOS8700CQ magnetometer", "accelerometer": "on-board FXOS8700CQ accelerometer"},
-        ("PTC6", "PTC13"),
-        1200.0,
+    "fxos8700cq": _FXOS8700CQ,
+    "fxas21002c": Part("i2c1", 0x20, _fxas21002c, {"gyroscope": "FXAS21002C"}, {"INT1": "PTA2"}, kinds=("FXAS21002C",)),
+    "onboard-fxos8700cq": replace(
+        _FXOS8700CQ,
+        bus="i2c0",
+        address=0x1D,
+        sensors={kind: f"on-board {name}" for kind, name in _FXOS8700CQ.sensors.items()},
+        interrupts={"INT1": "PTC6", "INT2": "PTC13"},
+        prefix="onboard-",
     ),
 }
-PARTS: Mapping[str, Part] = {**FRDM_K64F_PARTS, **MICROBIT_PARTS}
+#: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
+MODELS: Mapping[str, str] = {
+    "mma8653": "hiltest.world.sensors.mma8653:Mma8653",
+    "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
+    "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
+}
+# Keys of a rig that only the models of `MODELS` and of users carry out.
+_OF_MODELS = (
+    "axes",
+    "magnetometer_noise_ut",
+    "accelerometer_noise_mg",
+    "gyroscope_noise_dps",
+    "magnetometer_offset_ut",
+    "accelerometer_offset_mg",
+    "gyroscope_bias_dps",
+    "magnetometer_offset_ut_per_degc",
+    "magnetometer_gain_percent_per_degc",
+)
 
 
-def sensor_names() -> dict[str, list[str]]:
+def fitted_parts(truth: SimulatedWorld, entries: tuple[SensorPart, ...] | None) -> dict[str, Part]:
+    """Return the fitted parts by name: those of ``world.fitted``, and those of ``[[sensors.parts]]``.
+
+    Raises
+    ------
+    RigValueError
+        If an entry names an unknown part or pin, or two parts have one name or one place.
+    """
+    parts = {name: PARTS[name] for name in truth.fitted}
+    named: set[str] = set()
+    for index, entry in enumerate(entries or ()):
+        key, name = f"sensors.parts.{index}", entry.name or entry.part
+        require(name not in named, key, f"is the second part {name!r}: give it a name of its own")
+        named.add(name)
+        part = _described(entry, key)
+        strangers = [pin for pin in entry.interrupts if pin not in part.pins]
+        has = f"it has {', '.join(part.pins)}" if part.pins else "it has no interrupt pin"
+        require(not strangers, f"{key}.interrupts", f"{entry.part} has no pin {' or '.join(strangers)}; {has}")
+        parts[name] = part
+    _refuse_shared_places(parts, entries or ())
+    return parts
+
+
+def _refuse_shared_places(parts: Mapping[str, Part], entries: tuple[SensorPart, ...]) -> None:
+    places: dict[tuple[str, int | str], str] = {}
+    for name, part in parts.items():
+        place = part.bus, part.chip_select or part.address
+        other = places.setdefault(place, name)
+        if other == name:
+            continue
+        index = max(index for index, entry in enumerate(entries) if (entry.name or entry.part) in (name, other))
+        at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{part.address:02x}"
+        key = "chip_select" if part.chip_select else "address"
+        require(
+            False,
+            f"sensors.parts.{index}.{key}",
+            f"{name} and {other} have the same {at} on {part.bus}: change one, or leave the shield's part out of "
+            "world.fitted",
+        )
+
+
+def _described(entry: SensorPart, key: str) -> Part:
+    """Return the part of an entry."""
+    if entry.part in PARTS:
+        part = PARTS[entry.part]
+        strangers = [name for name in _OF_MODELS if getattr(entry, name) is not None]
+        if part.axes is not None and entry.axes is not None:
+            part, strangers = replace(part, axes=entry.axes), [name for name in strangers if name != "axes"]
+        require(not strangers, f"{key}.{(*strangers, '')[0]}", f"is a key of [world] for {entry.part}")
+        require(entry.chip_select is None, f"{key}.bus", f"{entry.part} has a model for I2C only")
+        return replace(
+            part,
+            bus=entry.bus,
+            address=part.address if entry.address is None else entry.address,
+            interrupts=entry.interrupts or part.interrupts,
+            prefix=f"{entry.name}-" if entry.name else part.prefix,
+        )
+    model = load_model(entry.part, f"{key}.part")
+    table = model.table
+    addresses = table.addresses
+    has_one = entry.chip_select is None or not model.companion_models
+    require(has_one, f"{key}.bus", f"{entry.part} has several devices in one package: use an I2C bus")
+    require(bool(addresses) or entry.chip_select is not None, f"{key}.bus", f"{entry.part} has no I2C: name an SPI bus")
+    require(
+        entry.address is None or entry.address in addresses,
+        f"{key}.address",
+        f"{entry.part} answers at {' or '.join(f'0x{address:02x}' for address in addresses)} only",
+    )
+    return Part(
+        entry.bus,
+        (addresses or (0,))[0] if entry.address is None else entry.address,
+        partial(_make_model, model, entry),
+        model.sensor_names(),
+        entry.interrupts,
+        next((row.range for row in model.every_output() if row.quantity.key == "magnetometer"), None),
+        lambda _truth: _declared_noise(model, entry),
+        lambda _truth: entry.magnetometer_offset_ut or _NONE,
+        tuple(device.table.part for device in (model, *model.companion_models)),
+        f"{entry.name}-" if entry.name else "",
+        entry.chip_select,
+        model.every_pin(),
+    )
+
+
+def load_model(name: str, key: str = "part") -> type[TableSensor]:
+    """Return the model of a part by its name in a rig.
+
+    Raises
+    ------
+    RigValueError
+        If there is none, or it is no model.
+    """
+    from hiltest.world.sensors import TableSensor
+
+    own = {entry_point.name: entry_point.value for entry_point in entry_points(group=GROUP)}
+    places = {**own, **MODELS}
+    require(name in places, key, f"no part {name!r}; {nearest_hint(name, [*PARTS, *places])}")
+    module, _, attribute = places[name].partition(":")
+    model = getattr(import_module(module), attribute, None)
+    require(
+        isinstance(model, type) and issubclass(model, TableSensor),
+        key,
+        f"{places[name]} is no subclass of TableSensor: correct the entry point {name}",
+    )
+    return model  # type: ignore[return-value]
+
+
+def _make_model(
+    model: type[TableSensor], entry: SensorPart, world: World, truth: SimulatedWorld, seed: int, part: Part
+) -> RegisterDevice:
+    from hiltest.world import MagneticDistortion
+    from hiltest.world.recorded_motion import Sensed
+    from hiltest.world.sensors import SensorSetup
+
+    noise = {
+        Sensed.MAGNETOMETER: entry.magnetometer_noise_ut,
+        Sensed.ACCELEROMETER: scaled_or_none(entry.accelerometer_noise_mg, 1e-3),
+        Sensed.GYROSCOPE: entry.gyroscope_noise_dps,
+    }
+    errors, gain_percent = _accelerometer_errors(truth), entry.magnetometer_gain_percent_per_degc
+    drifts = entry.magnetometer_offset_ut_per_degc is not None or gain_percent is not None
+    return model(
+        SensorSetup(
+            world,
+            seed,
+            entry.name or "",
+            part.address,
+            entry.axes or ("x", "y", "z"),
+            MagneticDistortion(truth.soft_iron, truth.hard_iron_at_ut(part)),
+            replace(errors, offset_g=_sum(errors.offset_g, scaled(entry.accelerometer_offset_mg or _NONE, 1e-3))),
+            truth.gyroscope_response,
+            _sum(truth.gyroscope_bias_dps, entry.gyroscope_bias_dps or _NONE),
+            _drift(offset=truth.drift.gyroscope_bias_dps_per_degc),
+            _drift(offset=entry.magnetometer_offset_ut_per_degc or _NONE, gain_percent=gain_percent or _NONE)
+            if drifts
+            else None,
+            {quantity: rms for quantity, rms in noise.items() if rms is not None},
+        )
+    )
+
+
+def _declared_noise(model: type[TableSensor], entry: SensorPart) -> float:
+    if entry.magnetometer_noise_ut is not None:
+        return entry.magnetometer_noise_ut
+    return next(row.noise for row in model.every_output() if row.quantity.key == "magnetometer")
+
+
+def sensor_names(parts: Mapping[str, Part]) -> dict[str, list[str]]:
     """Return the names of all parts' sensors in the packaged firmware, by kind, such as ``magnetometer``."""
     names: dict[str, list[str]] = {}
-    for part in PARTS.values():
+    for part in {**PARTS, **parts}.values():
         for kind, name in part.sensors.items():
             names.setdefault(kind, []).append(name)
     return names
@@ -142,9 +326,9 @@ def sensor_names() -> dict[str, list[str]]:
 def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
     from hiltest.world.sensors import AccelerometerErrors
 
-    x, y, z = truth.accelerometer_offset_mg
     gain_x, gain_y, gain_z = truth.accelerometer_gain_error_percent
     row_x, row_y, row_z = truth.accelerometer_cross_axis_percent
+    x, y, z = truth.accelerometer_offset_mg
     return AccelerometerErrors(
         (x / 1000.0, y / 1000.0, z / 1000.0),
         (gain_x / 100.0, gain_y / 100.0, gain_z / 100.0),
@@ -153,7 +337,7 @@ def _accelerometer_errors(truth: SimulatedWorld) -> AccelerometerErrors:
     )
 
 
-def _drift(*, offset: Triple = (0.0, 0.0, 0.0), gain_percent: Triple = (0.0, 0.0, 0.0)) -> Drift:
+def _drift(*, offset: Triple = _NONE, gain_percent: Triple = _NONE) -> Drift:
     from hiltest.world.sensors import Drift
 
     return Drift(offset, scaled(gain_percent, 1e-2))
@@ -163,3 +347,13 @@ def scaled(triple: Triple, factor: float) -> Triple:
     """Multiply each of three numbers."""
     x, y, z = triple
     return (factor * x, factor * y, factor * z)
+
+
+def scaled_or_none(value: float | None, factor: float) -> float | None:
+    """Multiply a number, if there is one."""
+    return None if value is None else factor * value
+
+
+def _sum(first: Triple, second: Triple) -> Triple:
+    x, y, z = (one + other for one, other in zip(first, second, strict=True))
+    return (x, y, z)

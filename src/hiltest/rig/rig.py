@@ -22,7 +22,7 @@ from hiltest.measurement import Limit, Reference, Tolerance, identify
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.faults import Faults
-from hiltest.rig.parts import PARTS, Part, scaled
+from hiltest.rig.parts import PARTS, Part, fitted_parts, scaled
 from hiltest.rig.toml_tables import (
     STRICT,
     BoardPlace,
@@ -130,21 +130,32 @@ class Rig:
         )
         sensor = self.faults.sensor if self.faults else None
         require(
-            self.world is None or sensor is None or sensor.part in self.world.fitted,
-            "faults",
-            "has a fault of a sensor that world.fitted does not name",
+            self.world is not None or self.sensors.parts is None,
+            "sensors.parts",
+            'requires a board of kind "virtual": a real one has its parts',
         )
-        if self.world is not None and self.magnetometer_part is not None:
-            part, world = self.magnetometer_part, self.world
+        parts = self.parts
+        require(
+            self.world is None or sensor is None or sensor.part in parts,
+            "faults.sensor.part",
+            f"is none of {', '.join(parts)}: name a part of world.fitted or of sensors.parts",
+        )
+        if sensor is not None and sensor.part in parts:
+            is_replaced = sensor.fault == "other part" and parts[sensor.part].chip_select is not None
+            require(not is_replaced, "faults.sensor.fault", '"other part" is possible on an I2C bus only')
+        name = self.magnetometer_part
+        if self.world is not None and name is not None:
+            part, world = self.magnetometer_under_test, self.world
             reading_ut = world.largest_reading_ut(part, self.field.strength_ut)
-            range_ut = PARTS[part].magnetometer_range_ut or 0.0
+            range_ut = part.magnetometer_range_ut or 0.0
             require(
                 reading_ut < range_ut,
                 "world",
-                f"{' with '.join(('hard_iron_ut', *world.disturbances))} makes {part} read up to {reading_ut:.0f} "
+                f"{' with '.join(('hard_iron_ut', *world.disturbances))} makes {name} read up to {reading_ut:.0f} "
                 f"uT; its axes stop at {range_ut:.0f}",
             )
-            self._check_noise("magnetometer_noise_ut", self.sensors.magnetometer_noise_ut, world.noise_ut(part), "uT")
+            noise_ut = part.magnetometer_noise_ut(world)
+            self._check_noise("magnetometer_noise_ut", self.sensors.magnetometer_noise_ut, noise_ut, "uT")
             self._check_noise(
                 "gyroscope_noise_mdps_per_rthz",
                 self.sensors.gyroscope_noise_mdps_per_rthz,
@@ -217,14 +228,24 @@ class Rig:
         return self.reference_uncertainty_deg(measurement) if self.turntable.kind == "operator" else None
 
     @property
+    def parts(self) -> dict[str, Part]:
+        """The fitted parts of a virtual board by name; empty for another board."""
+        return fitted_parts(self.world, self.sensors.parts) if self.world is not None else {}
+
+    @property
     def magnetometer_part(self) -> str | None:
-        """Part of `PARTS` whose magnetometer is under test; None if unknown."""
-        named, fitted = self.sensors.magnetometer, self.world.fitted if self.world else ()
-        for name, part in sorted(PARTS.items(), key=lambda item: item[0] not in fitted):
+        """Name of the part whose magnetometer is under test, fitted or of `PARTS`; None if unknown."""
+        named, fitted = self.sensors.magnetometer, self.parts
+        for name, part in {**PARTS, **fitted}.items():
             magnetometer = part.sensors.get("magnetometer")
             if magnetometer is not None and (name in fitted if named is None else named == magnetometer):
                 return name
         return None
+
+    @property
+    def magnetometer_under_test(self) -> Part:
+        """The part whose magnetometer is under test; the MAG3110 if it is unknown."""
+        return {**PARTS, **self.parts}[self.magnetometer_part or "mag3110"]
 
 
 def refuse_unknown_sensors(rig: Rig, names_by_kind: Mapping[str, Sequence[str]]) -> None:
@@ -271,7 +292,7 @@ def world_truth(rig: Rig) -> WorldTruth | None:
     """Return the truth of a rig's simulated world; None for a rig without one."""
     if rig.world is None:
         return None
-    x, y, z = rig.world.hard_iron_at_ut(rig.magnetometer_part or "mag3110")
+    x, y, z = rig.world.hard_iron_at_ut(rig.magnetometer_under_test)
     return WorldTruth(
         field=_earth_field(rig),
         soft_iron=rig.world.soft_iron,
@@ -320,7 +341,17 @@ def build_world(rig: Rig) -> World:
 def build_sensors(
     rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
 ) -> dict[str, list[RegisterDevice | FaultyPart]]:
-    """Create the parts of a virtual board, by I2C bus.
+    """Create the parts of a virtual board as in `build_parts`, and return them by bus."""
+    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
+    for name, device in build_parts(rig, world, seed, faults_from_s=faults_from_s).items():
+        buses.setdefault(rig.parts[name].bus, []).extend((device, *device.companions))
+    return buses
+
+
+def build_parts(
+    rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
+) -> dict[str, RegisterDevice | FaultyPart]:
+    """Create the parts of a virtual board, by name.
 
     Parameters
     ----------
@@ -333,10 +364,6 @@ def build_sensors(
     faults_from_s
         Origin of the times of the rig's faults [s since power-on].
 
-    Returns
-    -------
-    dict
-        ``"i2c0"``: parts of the FRDM-K64F itself; ``"i2c1"``: the sensor shield.
     """
     from hiltest.rig.faulty_parts import fitted_part
 
@@ -345,10 +372,7 @@ def build_sensors(
     def make(part: Part) -> RegisterDevice:
         return part.make(world, truth, seed, part)
 
-    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
-    for name in truth.fitted:
-        buses[f"i2c{PARTS[name].bus}"].append(fitted_part(name, make, rig.faults, began_s=faults_from_s))
-    return buses
+    return {name: fitted_part(name, part, make, rig.faults, began_s=faults_from_s) for name, part in rig.parts.items()}
 
 
 def _simulated_world(rig: Rig) -> SimulatedWorld:

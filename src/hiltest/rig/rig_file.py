@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
 from pathlib import Path
-from types import UnionType
-from typing import Any, ClassVar, Literal, get_args, get_type_hints
+from types import NoneType, UnionType
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -119,7 +119,7 @@ def parse_rig(path: Path, content: bytes) -> Rig:
     _refuse_limits_within_uncertainty(rig, source)
     _refuse_tolerances_beyond_limits(rig, source)
     if rig.world is not None:
-        refuse_unknown_sensors(rig, sensor_names())
+        refuse_unknown_sensors(rig, sensor_names(rig.parts))
     return rig
 
 
@@ -148,7 +148,11 @@ class TomlSource:
             raise self._as_error(details[0], model, prefix) from error
 
     def _as_error(self, detail: ErrorDetails, model: Any, prefix: tuple[str, ...]) -> ConfigError:
-        key = tuple(part for part in detail["loc"] if isinstance(part, str) and not _ALTERNATIVE.fullmatch(part))
+        key: tuple[str, ...] = ()
+        for part in map(str, detail["loc"]):
+            is_index = part.isdecimal() and (*prefix, *key, part) not in self.lines  # of a number in an array
+            if not is_index and not _ALTERNATIVE.fullmatch(part):
+                key = (*key, part)
         kind = detail["type"]
         if kind in ("unexpected_keyword_argument", "extra_forbidden"):
             return UnknownKeyError(key[-1], where=self.where(prefix + key), known=_known_keys(model, key[:-1]))
@@ -265,14 +269,19 @@ def _refuse_tolerances_beyond_limits(rig: Rig, source: TomlSource) -> None:
 def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
     """Return the allowed keys of a table of the file."""
     for name in place:
+        if name.isdecimal():  # an index, whose array was entered with its key
+            continue
         arguments = get_args(model)
         model = arguments[1] if arguments and not is_dataclass(model) else get_type_hints(model)[name]
         if isinstance(model, UnionType):
-            model = next(argument for argument in get_args(model) if is_dataclass(argument))
+            model = next(argument for argument in get_args(model) if argument is not NoneType)
+        if get_origin(model) is tuple:
+            model = get_args(model)[0]
     return [field.name for field in fields(model) if field.name not in _MADE_HERE] if is_dataclass(model) else []
 
 
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
+_ARRAY_HEADER = re.compile(r"\s*\[\[\s*([^\[\]]+?)\s*\]\]\s*(#.*)?$")
 _ONE_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
 _KEY = re.compile(_ONE_KEY)
 _ASSIGNMENT = re.compile(rf"\s*({_ONE_KEY}(?:\s*\.\s*{_ONE_KEY})*)\s*=")
@@ -281,9 +290,19 @@ _ASSIGNMENT = re.compile(rf"\s*({_ONE_KEY}(?:\s*\.\s*{_ONE_KEY})*)\s*=")
 def _keys_by_line(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
     """Yield each key's path and line; sufficient for a file that is valid TOML."""
     table: tuple[str, ...] = ()
+    arrays: dict[tuple[str, ...], int] = {}  # number of tables so far, by path
     for number, line in enumerate(text.splitlines(), start=1):
-        if header := _HEADER.match(line):
+        if header := _ARRAY_HEADER.match(line):
+            path = _split_key(header[1])
+            arrays[path] = arrays.get(path, 0) + 1
+            table = (*path, str(arrays[path] - 1))
+            yield path, number
+            yield table, number
+        elif header := _HEADER.match(line):
             table = _split_key(header[1])
+            array = next((path for path in arrays if table[: len(path)] == path and path != table), None)
+            if array is not None:
+                table = (*array, str(arrays[array] - 1), *table[len(array) :])
             yield table, number
         elif assignment := _ASSIGNMENT.match(line):
             key = _split_key(assignment[1])

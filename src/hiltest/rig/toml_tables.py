@@ -7,7 +7,7 @@ them with pydantic.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 from hiltest.measurement.sensor_registers import names_setting
@@ -171,6 +171,49 @@ _NOISIEST_MDPS = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
+class SensorPart:
+    """A part of ``[[sensors.parts]]``, which is fitted besides those of ``world.fitted``."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+    part: str
+    """Name of its model: of hiltest, or of an entry point. A part of the same name in ``world.fitted`` is replaced."""
+    name: str | None = None
+    """Name on this board, for a second part of one kind; the default is `part`."""
+    bus: Literal["i2c0", "i2c1", "spi0", "spi1", "spi2"] = "i2c1"
+    address: int | None = None
+    """7-bit address on an I2C bus; None for the part's first."""
+    chip_select: str | None = None
+    """Pin of the processor that selects it on an SPI bus, such as ``PTD0``."""
+    interrupts: dict[str, str] = field(default_factory=dict)
+    """Pins of the processor by pins of the part, such as ``DRDY = "PTB9"``."""
+    axes: Axes | None = None
+    """Axes of the part along x, y and z of the board, such as ``-y``."""
+    magnetometer_noise_ut: float | None = None
+    accelerometer_noise_mg: float | None = None
+    gyroscope_noise_dps: float | None = None
+    """rms noise of one axis of one sample at all settings; None for the data sheet's."""
+    magnetometer_offset_ut: Triple | None = None
+    accelerometer_offset_mg: Triple | None = None
+    gyroscope_bias_dps: Triple | None = None
+    """Offsets of this part, body frame, besides those of ``[world]``."""
+    magnetometer_offset_ut_per_degc: Triple | None = None
+    magnetometer_gain_percent_per_degc: Triple | None = None
+    """Drift of the magnetometer above 25 degC, body frame; None for the data sheet's."""
+
+    def __post_init__(self) -> None:
+        check_axes(self.axes)
+        is_spi = self.bus.startswith("spi")
+        require(
+            is_spi == (self.chip_select is not None), "chip_select", "belongs to a part on an SPI bus, and only there"
+        )
+        require(not is_spi or self.address is None, "address", "belongs to a part on an I2C bus: leave it out")
+        require(self.address is None or 0x08 <= self.address <= 0x77, "address", "must be 0x08 to 0x77, seven bits")
+        for key in ("magnetometer_noise_ut", "accelerometer_noise_mg", "gyroscope_noise_dps"):
+            noise = getattr(self, key)
+            require(noise is None or noise >= 0.0, key, "must not be negative")
+
+
+@dataclass(frozen=True, slots=True)
 class SensorChoice:
     """The sensors under test, and the declared noise of the magnetometer."""
 
@@ -188,6 +231,8 @@ class SensorChoice:
     axes: Axes | None = None
     """Axes of the magnetometer's chip along x, y and z of the board, such as ``-y``, if firmware that reports by itself
     gives raw readings and calibration along the chip's axes."""
+    parts: tuple[SensorPart, ...] | None = None
+    """Fitted parts besides those of ``world.fitted``."""
 
     @property
     def chip_to_body(self) -> tuple[tuple[float, ...], ...] | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hiltest.rig.disturbances import CableTable, CurrentTable, PassingTable
-from hiltest.rig.parts import FRDM_K64F_PARTS, PARTS
+from hiltest.rig.parts import PARTS, Part
 from hiltest.rig.recorded_motion import PlaybackFile
 from hiltest.rig.toml_tables import STRICT, Triple, require
 
@@ -78,7 +78,7 @@ class SimulatedWorld:
     temperature_time_constant_s: float | None = None
     drift: TemperatureDrift = TemperatureDrift()
     """Effect of the temperature on the readings."""
-    fitted: tuple[str, ...] = tuple(FRDM_K64F_PARTS)
+    fitted: tuple[str, ...] = tuple(PARTS)
     """Fitted parts: see `PARTS`."""
     mirrored: bool | None = None
     """True if the soft iron intentionally mirrors the field; otherwise that is refused as a wrong sign."""
@@ -155,18 +155,13 @@ class SimulatedWorld:
             rows.append((x, y, z))
         return rows[0], rows[1], rows[2]
 
-    def hard_iron_at_ut(self, part: str) -> Triple:
-        """Return the constant field at a magnetometer of `PARTS`, its zero-flux offset included [uT]."""
-        if part.endswith("mag3110"):
-            return self.hard_iron_ut
-        x, y, z = (hard + zero for hard, zero in zip(self.hard_iron_ut, self.fxos8700cq_zero_flux_ut, strict=True))
+    def hard_iron_at_ut(self, part: Part) -> Triple:
+        """Return the constant field at the magnetometer of a part, its zero-flux offset included [uT]."""
+        offset_ut = part.magnetometer_offset_ut(self)
+        x, y, z = (hard + zero for hard, zero in zip(self.hard_iron_ut, offset_ut, strict=True))
         return (x, y, z)
 
-    def noise_ut(self, part: str) -> float:
-        """Return the rms noise of a magnetometer of `PARTS` as configured by the packaged firmware [uT]."""
-        return self.mag3110_noise_ut[0] if part.endswith("mag3110") else math.sqrt(math.prod(self.fxos8700cq_noise_ut))
-
-    def largest_reading_ut(self, part: str, strength_ut: float) -> float:
+    def largest_reading_ut(self, part: Part, strength_ut: float) -> float:
         """Return the largest reading of any axis of a magnetometer in any attitude, without noise [uT].
 
         The strongest fields of all disturbances add up along this axis.

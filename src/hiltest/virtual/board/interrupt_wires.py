@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from hiltest.state import Restorable
 from hiltest.virtual.peripherals.i2c_bus import I2cDevice
+from hiltest.virtual.peripherals.spi_bus import SpiDevice
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.schedule import Event
 
@@ -15,11 +16,16 @@ from hiltest.virtual.processor.schedule import Event
 Wire = Callable[[bool], None]
 
 
-class InterruptSource(I2cDevice, Protocol):
-    """A part on the bus with two interrupt pins; times are virtual seconds since power-on."""
+class InterruptSource(I2cDevice, SpiDevice, Protocol):
+    """A part on the bus with interrupt pins; times are virtual seconds since power-on."""
 
-    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Return the levels of INT1 and INT2; True is high."""
+    @property
+    def pins(self) -> tuple[str, ...]:
+        """Names of the pins."""
+        ...
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, ...]:
+        """Return the levels of the pins; True is high."""
         ...
 
     def next_interrupt_s(self, time_s: float) -> float:
@@ -28,7 +34,7 @@ class InterruptSource(I2cDevice, Protocol):
 
 
 class InterruptWires(Restorable):
-    """Two wires with the levels of a part's interrupt pins.
+    """Wires with the levels of a part's interrupt pins.
 
     The part is not polled, because it predicts when a level may change by itself. The caller
     calls `update` at the end of each access to the part.
@@ -36,16 +42,16 @@ class InterruptWires(Restorable):
     Parameters
     ----------
     wires
-        Called for INT1 and INT2; None is not connected.
+        Called for each pin in order; None is not connected.
     time
         Virtual time in picoseconds.
     """
 
-    def __init__(self, source: InterruptSource, wires: tuple[Wire | None, Wire | None], time: Clock) -> None:
+    def __init__(self, source: InterruptSource, wires: Sequence[Wire | None], time: Clock) -> None:
         self._source = source
         self._wires = wires
         self._time = time
-        self._levels: tuple[bool | None, bool | None] = (None, None)
+        self._levels: tuple[bool | None, ...] = (None,) * len(wires)
         self._event: Event | None = None
 
     def update(self) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, open_image
 from hiltest.virtual.board.frdm_k64f import LedsAndButtons
@@ -16,6 +17,7 @@ from hiltest.virtual.part.part_file import Part
 from hiltest.virtual.peripherals.i2c_bus import I2cDevice
 from hiltest.virtual.peripherals.pit import PeriodicTimers
 from hiltest.virtual.peripherals.sim import ClockGates
+from hiltest.virtual.peripherals.spi_bus import SpiDevice
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.cpu import Processor
@@ -36,6 +38,8 @@ class VirtualK64F(VirtualMachine):
         at another address, pass `load_image(path, base=0x8000)`.
     i2c0, i2c1
         Parts on the two buses.
+    spi0, spi1, spi2
+        Parts on these buses, by the pin that selects each, such as ``PTD0``.
     profile
         Name of a profile, or a user's own file (``.toml``), see `hiltest.virtual.model.profile_file`.
     strict
@@ -59,12 +63,17 @@ class VirtualK64F(VirtualMachine):
         *,
         i2c0: Sequence[I2cDevice] = (),
         i2c1: Sequence[I2cDevice] = (),
+        spi0: Mapping[str, SpiDevice] = MappingProxyType({}),
+        spi1: Mapping[str, SpiDevice] = MappingProxyType({}),
+        spi2: Mapping[str, SpiDevice] = MappingProxyType({}),
         profile: str | TimingProfile = DEFAULT_PROFILE,
         strict: bool = False,
         flash_file: str | Path | None = None,
     ) -> None:
         def microcontroller(processor: Processor) -> Microcontroller:
-            self._chip = Microcontroller(processor, (i2c0, i2c1), strict=strict, flash_file=flash_file)
+            self._chip = Microcontroller(
+                processor, (i2c0, i2c1), (spi0, spi1, spi2), strict=strict, flash_file=flash_file
+            )
             return self._chip
 
         super().__init__(elf, profile=profile, memory=MK64FN1M0, chip=microcontroller)

@@ -10,6 +10,7 @@ from hiltest.virtual.peripherals.bus import PeripheralBus
 from hiltest.virtual.peripherals.dwt import CycleCounter
 from hiltest.virtual.peripherals.i2c_bus import I2cBus
 from hiltest.virtual.peripherals.rcm import ResetSource
+from hiltest.virtual.peripherals.spi_bus import SpiBus
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
 from hiltest.virtual.processor.clock import Clock
 from hiltest.virtual.program.elf import LoadSegment
@@ -140,6 +141,11 @@ class MachineChip(HasState, Protocol):
     @property
     def i2c_buses(self) -> Sequence[I2cBus]:
         """The I2C buses."""
+        ...
+
+    @property
+    def spi_buses(self) -> Sequence[SpiBus]:
+        """The SPI buses."""
         ...
 
     @property

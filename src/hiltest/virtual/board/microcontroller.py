@@ -13,6 +13,7 @@ from hiltest.virtual.peripherals.adc import Converter
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus, StoredRegisters
 from hiltest.virtual.peripherals.crc import CheckValue
 from hiltest.virtual.peripherals.dma import dma_pages
+from hiltest.virtual.peripherals.dspi import Dspi
 from hiltest.virtual.peripherals.flash_array import FlashArray
 from hiltest.virtual.peripherals.fmc import FlashControl
 from hiltest.virtual.peripherals.ftfe import FlashMemory
@@ -29,6 +30,7 @@ from hiltest.virtual.peripherals.rng import RandomNumbers
 from hiltest.virtual.peripherals.rtc import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.peripherals.smc import PowerManagement, SystemModes, WakeUpUnit
+from hiltest.virtual.peripherals.spi_bus import SpiBus, SpiDevice
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.wdog import Watchdog
@@ -38,6 +40,7 @@ from hiltest.virtual.program.elf import LoadSegment
 
 # Firmware cannot observe the effect of these modules: their registers store writes, without a report.
 _STORED = ("SYSMPU",)
+_SPI0_DEPTH = 4  # of its FIFOs; those of SPI1 and SPI2 hold one word
 _WITH_FIFO = 2  # number of UARTs with FIFOs and the core clock: UART0 and UART1
 
 ROOM_DEGC = 25.0
@@ -51,6 +54,8 @@ class Microcontroller(Restorable):
     ----------
     i2c
         Parts on I2C0 and on I2C1.
+    spi
+        Parts on SPI0, SPI1 and SPI2, by the pin that selects them.
     strict
         True if an access to a peripheral that is not modelled is a bus error.
     flash_file
@@ -74,6 +79,7 @@ class Microcontroller(Restorable):
         self,
         processor: Processor,
         i2c: Sequence[Sequence[I2cDevice]],
+        spi: Sequence[Mapping[str, SpiDevice]] = ({}, {}, {}),
         *,
         strict: bool = False,
         flash_file: str | Path | None = None,
@@ -83,6 +89,7 @@ class Microcontroller(Restorable):
         self._chip = mk64f12()
         self._modules = {module.name: module for module in self._chip.peripherals}
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
+        self.spi_buses = tuple(SpiBus(parts) for parts in spi)
         self.watchdog_resets = 0
         self.unmodelled = UnmodelledLog(processor, self._chip)
         processor.waits_for = lambda: self.unmodelled.polled
@@ -95,6 +102,7 @@ class Microcontroller(Restorable):
         self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         self._peripherals.append(self.clocks.options)
         self._connect_pins(self.low_power_timer.signals)
+        self._connect_chip_selects()
         if not strict:
             self._add_unmodelled_pages()
         for peripheral in self._peripherals:
@@ -119,6 +127,7 @@ class Microcontroller(Restorable):
         self.reset_control = ResetControl()
         self.ports = {letter: self._port(modules[f"PORT{letter}"]) for letter in "ABCDE"}
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
+        self._spi_masters = [self._spi_master(number, bus) for number, bus in enumerate(self.spi_buses)]
         masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
         return [
             *self.uarts,
@@ -128,12 +137,29 @@ class Microcontroller(Restorable):
             *self.ports.values(),
             Gpio(processor.machine, list(self.ports.values())),
             *masters,
+            *self._spi_masters,
             FlashControl(self._processor.machine),
             CheckValue(modules["CRC"]),
             self.random_numbers,
             FlashMemory(processor, clocks.time, modules["FTFE"], self.flash, self.unmodelled),
             *dma_pages(processor.machine, modules["DMA"], modules["DMAMUX"], self.timers),
         ]
+
+    def _spi_master(self, number: int, bus: SpiBus) -> Dspi:
+        module, note = self._modules[f"SPI{number}"], self.unmodelled.note
+        return Dspi(self._processor, self.clocks, bus, module, depth=1 if number else _SPI0_DEPTH, note=note)
+
+    def _connect_chip_selects(self) -> None:
+        """Connect the chip selects of the modules to their pins, and the parts to the pins that select them."""
+        for master, bus in zip(self._spi_masters, self.spi_buses, strict=True):
+            self._connect_pins(master.signals)
+            for name in bus.devices:
+                port, number = self.pin(name)
+                port.drive(number, True)  # the pull-up of a part's board
+                port.listen(number, partial(self._set_select, bus, name))
+
+    def _set_select(self, bus: SpiBus, pin: str, high: bool) -> None:
+        bus.set_select(pin, high, self.clocks.time_s())
 
     def _uart(self, number: int) -> Uart:
         clock = self.clocks.core if number < _WITH_FIFO else self.clocks.bus
@@ -211,8 +237,16 @@ class Microcontroller(Restorable):
         ]
 
     def parts(self) -> list[HasState]:
-        """Return the peripherals with their bus, the event queue, and the parts on the I2C buses."""
-        return [*self._peripherals, self.bus, self._processor.schedule, self.flash, self.unmodelled, *self.i2c_buses]
+        """Return the peripherals with their bus, the event queue, and the parts on the buses."""
+        return [
+            *self._peripherals,
+            self.bus,
+            self._processor.schedule,
+            self.flash,
+            self.unmodelled,
+            *self.i2c_buses,
+            *self.spi_buses,
+        ]
 
     def power_on(self, segments: Iterable[LoadSegment]) -> None:
         """Restore the flash from its file, except for sectors of the image."""

@@ -21,6 +21,7 @@ from hiltest.virtual.peripherals.nrf51.timers import RealTimeCounter, Timer
 from hiltest.virtual.peripherals.nrf51.twi import Twi
 from hiltest.virtual.peripherals.nrf51.uart import Uart
 from hiltest.virtual.peripherals.rcm import ResetSource
+from hiltest.virtual.peripherals.spi_bus import SpiBus
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.cpu import Processor
@@ -68,6 +69,7 @@ class Nrf51822(Restorable):
     """
 
     watchdog_resets = 0
+    spi_buses: tuple[SpiBus, ...] = ()  # SPI0 and SPI1, in the pages of TWI0 and TWI1, have no model
 
     def __init__(self, processor: Processor, buses: Mapping[tuple[int, int], I2cBus], *, strict: bool = False) -> None:
         self._processor = processor

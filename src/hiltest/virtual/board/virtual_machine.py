@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -320,23 +320,31 @@ class VirtualMachine(VirtualCortexM4):
         port, number = self._chip.pin(pin)
         return bool(port.levels >> number & 1)
 
-    def connect_interrupts(self, bus: int, part: InterruptSource, *, int1: str | None, int2: str | None) -> None:
+    def connect_interrupts(self, bus: str, part: InterruptSource, pins: Mapping[str, str]) -> None:
         """Connect the interrupt pins of a part.
 
         Parameters
         ----------
         bus
-            Number of the part's I2C bus.
+            Bus of the part, such as ``i2c1`` or ``spi0``.
         part
             A part that the constructor received for that bus.
-        int1, int2
-            Pins of the chip, such as ``PTB9`` of the K64F; None leaves the pin open.
+        pins
+            Pin of the chip, such as ``PTB9`` of the K64F, by pin of the part; the others stay open.
         """
-        pins = self._wire_to(int1), self._wire_to(int2)
-        wires = InterruptWires(part, pins, self.clocks.time)
+        wires = InterruptWires(part, [self._wire_to(pins.get(pin)) for pin in part.pins], self.clocks.time)
         self._wires.append(wires)
-        self._chip.i2c_buses[bus].call_after_stop(part, wires.update)
+        number = int(bus[-1])
+        if bus.startswith("spi"):
+            self._chip.spi_buses[number].call_after_stop(part, wires.update)
+        else:
+            self._chip.i2c_buses[number].call_after_stop(part, wires.update)
         wires.update()
+
+    def update_interrupts(self) -> None:
+        """Pass on the levels of all interrupt pins, after an access to a part that is not on its bus."""
+        for wires in self._wires:
+            wires.update()
 
     def _wire_to(self, pin: str | None) -> Callable[[bool], None] | None:
         """Return a function that sets the level of a pin from outside; None if there is no pin."""

@@ -42,6 +42,7 @@ class Port(CoreDevice):
         self._followed = 0  # pins whose edges are reported even if a timer makes them
         self._signals: dict[tuple[int, int], PinSignal] = {}  # by pin and multiplexer setting
         self._selected: dict[int, PinSignal] = {}  # by pin
+        self._listeners: dict[int, Callable[[bool], None]] = {}  # by pin
         self._reporting: set[PinSignal] = set()  # selected signals that report each edge
         self._callbacks = (  # the library keeps only the pointers
             guarded_callback("void(void *, uint32_t, uint32_t)", self._report, processor.abort),
@@ -89,6 +90,12 @@ class Port(CoreDevice):
         self._select()
         self._settle()
 
+    def listen(self, pin: int, on_level: Callable[[bool], None]) -> None:
+        """Call `on_level` with the level of a pin now, and whenever it changes."""
+        self._listeners[pin] = on_level
+        self.watch(1 << pin, follows_timers=True)
+        on_level(bool(self.levels >> pin & 1))
+
     def connect(self, pin: int, function: int, signal: PinSignal) -> None:
         """Connect a peripheral's signal to a pin while the pin's multiplexer selects the function."""
         self._signals[pin, function] = signal
@@ -132,6 +139,9 @@ class Port(CoreDevice):
         self.on_change(self)
         if rose or fell:
             self.on_levels(rose, fell)
+        for pin, on_level in self._listeners.items():
+            if (rose | fell) >> pin & 1:
+                on_level(bool(rose >> pin & 1))
         for pin, signal in self._selected.items():
             if (rose | fell) >> pin & 1 and signal.level() is None:
                 signal.on_level(bool(rose >> pin & 1))

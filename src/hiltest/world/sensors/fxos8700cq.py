@@ -16,6 +16,7 @@ from typing import TypeAlias
 from hiltest.state import Restorable
 from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 from hiltest.world.recorded_motion import Sensed
+from hiltest.world.sensors.accelerometer_errors import AccelerometerErrors
 from hiltest.world.sensors.drift import Drift
 from hiltest.world.sensors.extremes import Extremes
 from hiltest.world.sensors.fifo import SampleFifo
@@ -84,27 +85,6 @@ _RESET_S = 0.001
 
 
 @dataclass(frozen=True, slots=True)
-class AccelerometerErrors:
-    """Errors and drift of the accelerometer, body frame: ``(I + diag(gain_error) + cross_axis) @ g + offset_g``."""
-
-    offset_g: Vector = (0.0, 0.0, 0.0)
-    gain_error: Vector = (0.0, 0.0, 0.0)
-    cross_axis: tuple[Vector, Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    drift: Drift = Drift()  # noqa: RUF009 - frozen, so it may be shared
-
-    def apply(self, gravity_body_g: Vector, temperature_degc: float) -> Vector:
-        """Return gravity as the part measures it at a temperature [g]."""
-        x, y, z = gravity_body_g
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = self.cross_axis
-        measured = (
-            x + self.gain_error[0] * x + (xx * x + xy * y + xz * z) + self.offset_g[0],
-            y + self.gain_error[1] * y + (yx * x + yy * y + yz * z) + self.offset_g[1],
-            z + self.gain_error[2] * z + (zx * x + zy * y + zz * z) + self.offset_g[2],
-        )
-        return self.drift.apply(measured, temperature_degc)
-
-
-@dataclass(frozen=True, slots=True)
 class Fxos8700cqNoise:
     """Noise of the part, by default the data sheet's."""
 
@@ -161,7 +141,7 @@ class Fxos8700cq(RegisterDevice):
         seed: int,
         address: int = 0x1E,
         name: str = "fxos8700cq",
-        errors: AccelerometerErrors = AccelerometerErrors(),
+        errors: AccelerometerErrors = AccelerometerErrors(),  # noqa: B008
         magnetometer_drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
         noise: Fxos8700cqNoise = Fxos8700cqNoise(),
     ) -> None:
@@ -342,7 +322,7 @@ class Fxos8700cq(RegisterDevice):
         rate_hz = rates_hz[self._registers[CTRL_REG1] >> 3 & 7]
         # Data sheet: turn-on time from standby 2/ODR + 1 ms.
         first_s = time_s + 2.0 / rate_hz + 0.001
-        self._accelerometer.range = self._full_scale
+        self._accelerometer.weight = 1 << self._full_scale
         if mode != 1:
             low_noise = bool(self._registers[CTRL_REG1] & _LOW_NOISE)
             self._sigma_g = self._noise.accelerometer_g(

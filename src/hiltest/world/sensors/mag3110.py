@@ -15,6 +15,7 @@ from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 from hiltest.world.recorded_motion import Sensed
 from hiltest.world.sensors.drift import Drift
 from hiltest.world.sensors.register_device import RegisterDevice, signed_byte
+from hiltest.world.sensors.register_table import axis_numbers
 from hiltest.world.sensors.sampling import Counts, SampledOutput, along_part, limited
 
 DR_STATUS, OUT_X_MSB, OUT_Z_LSB, WHO_AM_I, SYSMOD = 0x00, 0x01, 0x06, 0x07, 0x08
@@ -45,8 +46,8 @@ class Mag3110(RegisterDevice):
         Distortion between the earth's field and the part; its hard iron includes the part's own zero-flux offset.
     seed
         Noise seed.
-    body_axes
-        Axes of the part along x, y and z of the body, see `SampledOutput`.
+    axes
+        Axes of the part along x, y and z of the body, such as ``-y``; by default those on the shield.
     noise_ut
         Rms noise per axis at oversampling 16, 32, 64, 128 [uT].
     drift
@@ -64,7 +65,7 @@ class Mag3110(RegisterDevice):
         *,
         seed: int,
         address: int = 0x0E,
-        body_axes: tuple[int, int, int] = (-2, -1, 3),
+        axes: tuple[str, str, str] | None = None,
         noise_ut: Sequence[float] = DATA_SHEET_NOISE_UT,
         drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
         die_temperature_offset_degc: float = 0.0,
@@ -82,7 +83,7 @@ class Mag3110(RegisterDevice):
             self._measure,
             full_scale=_RAW_LIMIT,
             quantity=Sensed.MAGNETOMETER,
-            body_axes=body_axes,
+            body_axes=(-2, -1, 3) if axes is None else axis_numbers(axes),
         )
         self.outputs = (self._output,)
         self._control1 = 0

@@ -27,15 +27,21 @@ class RegisterDevice(ABC, Restorable):
         The byte of each register that was read last; whoever asks may clear it.
     temperature_register : int
         Register of the die temperature, a signed byte.
+    pins : tuple of str
+        Interrupt pins by their names in the data sheet.
+    companions : tuple of RegisterDevice
+        Further devices in the same package, each with an address of its own.
     """
 
     temperature_register: ClassVar[int]
 
     def __init__(self, address: int) -> None:
         self.address = address
+        self.pins: tuple[str, ...] = ("INT1", "INT2")
+        self.companions: tuple[RegisterDevice, ...] = ()
         self.outputs: tuple[SampledOutput, ...] = ()
         self.transferred: dict[int, int] = {}
-        self._samples = 0
+        self._samples = 0.0
         self._sampled: dict[int, int] = {}
         self._pointer = 0
         self._awaiting_pointer = False
@@ -57,12 +63,12 @@ class RegisterDevice(ABC, Restorable):
         """Receive a byte from the master; True is ACK."""
         self.settle(time_s)
         if self._awaiting_pointer:
-            self._pointer = value
+            self.point_to(value)
             self._awaiting_pointer = False
             return True
         self.sampled_settings()
         acknowledged = self.write_register(self._pointer, value, time_s)
-        self._pointer = (self._pointer + 1) & 0xFF
+        self._pointer = self.following_write(self._pointer)
         return acknowledged
 
     def read(self, time_s: float) -> int:
@@ -77,9 +83,16 @@ class RegisterDevice(ABC, Restorable):
         self.settle(time_s)
         self.release()
 
-    def interrupt_levels(self, time_s: float) -> tuple[bool, bool]:
-        """Return the levels of the pins INT1 and INT2: True is high. A missing pin is low."""
-        return (False, False)
+    def select(self, time_s: float) -> None:
+        """Begin a transfer over SPI: chip select becomes active."""
+
+    def exchange(self, value: int, time_s: float) -> int:
+        """Exchange a byte over SPI; a part without SPI does not drive its line."""
+        return 0xFF
+
+    def interrupt_levels(self, time_s: float) -> tuple[bool, ...]:
+        """Return the levels of `pins`: True is high. A missing pin is low."""
+        return (False,) * len(self.pins)
 
     def next_interrupt_s(self, time_s: float) -> float:
         """Return the next time at which a level may change without an access [s]; infinity if none."""
@@ -102,6 +115,14 @@ class RegisterDevice(ABC, Restorable):
         if samples != self._samples:
             self._samples, self._sampled = samples, self.settings()
         return self._sampled or self.settings()
+
+    def point_to(self, pointer: int) -> None:
+        """Set the register pointer from the first byte of a write."""
+        self._pointer = pointer
+
+    def following_write(self, register: int) -> int:
+        """Return the register a write moves on to."""
+        return (register + 1) & 0xFF
 
     def settle(self, time_s: float) -> None:
         """Perform pending transitions in time, before an access."""

@@ -73,9 +73,9 @@ class SampledOutput(Restorable):
     deliveries : deque of Delivery
         Samples that were read, in order; only the latest are kept.
     delivered : list of int
-        Number of all samples that were read, and the sums of their words, each multiplied by 2 to the power of `range`.
-    range : int
-        Range of the output in doublings of the smallest one, by which a word counts more.
+        Number of all samples that were read, and the sums of their words, each multiplied by `weight`.
+    weight : float
+        Weight of a count at the present range, so that words of different ranges can be added.
     """
 
     def __init__(
@@ -91,8 +91,8 @@ class SampledOutput(Restorable):
         self.quantity = quantity
         self.body_axes = body_axes
         self.deliveries: deque[Delivery] = deque(maxlen=_DELIVERIES_AT_MOST)
-        self.delivered = [0, 0, 0, 0]
-        self.range = 0
+        self.delivered: list[float] = [0, 0, 0, 0]
+        self.weight: float = 1
         self._world = world
         self._noise = noise
         self._measure = measure
@@ -145,8 +145,13 @@ class SampledOutput(Restorable):
     def halt(self, time_s: float) -> None:
         """Stop sampling; the latest sample stays in the registers, regardless of later configuration."""
         self._last = self.latest(time_s)
-        if self._last >= self._first:
-            self.counts(self._last)
+        self.convert_latest(time_s)
+
+    def convert_latest(self, time_s: float) -> None:
+        """Convert the latest sample by the present settings, before they change."""
+        latest = self.latest(time_s)
+        if latest >= self._first:
+            self.counts(latest)
 
     def clear(self) -> None:
         """Clear all state, like a reset."""
@@ -179,19 +184,23 @@ class SampledOutput(Restorable):
                 value |= 0x80 | 0x10 << axis
         return value
 
-    def read(self, index: int, time_s: float) -> int:
+    def read(self, index: int, time_s: float, *, low_first: bool = False) -> int:
         """Return byte `index` (0 to 5) of the three words; a high byte clears its axis's flags."""
-        axis, low = divmod(index, 2)
-        value = self._word(axis, time_s)
-        if low:
-            if axis == 2:
-                self._deliver_read(time_s)
-            return value & 0xFF
+        axis, second = divmod(index, 2)
+        is_high = bool(second) == low_first
+        value = self.word(axis, time_s)
+        if is_high:
+            self.clear_flags(axis)
+        if index == 5:
+            self.deliver_read(time_s)
+        return value >> (8 if is_high else 0) & 0xFF
+
+    def clear_flags(self, axis: int) -> None:
+        """Clear the flags of an axis, whose word was read in this burst."""
         if self._held is not None:
             self._read[axis] = max(self._read[axis], self._held)
-        return value >> 8 & 0xFF
 
-    def _deliver_read(self, time_s: float) -> None:
+    def deliver_read(self, time_s: float) -> None:
         """Note the delivery of the latest words; if each was read in its own transaction, their samples may differ."""
         x, y, z = self._read
         if min(x, y, z) >= self._first:
@@ -205,7 +214,7 @@ class SampledOutput(Restorable):
         delivered = self.delivered
         delivered[0] += 1
         for axis, word in enumerate(words, 1):
-            delivered[axis] += word << self.range
+            delivered[axis] += word * self.weight
         self.deliveries.append(Delivery(time_s, number / self._rate_hz, number, words))
 
     def latest(self, time_s: float) -> int:
@@ -235,8 +244,8 @@ class SampledOutput(Restorable):
         """End a burst: the next read takes the latest sample."""
         self._held = None
 
-    def _word(self, axis: int, time_s: float) -> int:
-        # The part blocks updates while output registers are being read in one transaction.
+    def word(self, axis: int, time_s: float) -> int:
+        """Return the word of an axis [counts], and hold its sample until the end of the burst."""
         if self._held is None:
             self._held = self.latest(time_s)
         return (self.counts(self._held) if self._held >= self._first else self._before)[axis]

@@ -1,0 +1,191 @@
+"""Parts that a rig names: their place, their truth, and the sentences about mistakes in them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hiltest.boards.bench import VirtualBench
+from hiltest.errors import ConfigError
+from hiltest.rig import Rig, build_sensors, build_world, world_truth
+from hiltest.rig.rig import conditions_sha256
+from hiltest.rig.rig_file import load_rig, parse_rig
+from hiltest.world.sensors.faulty_part import FaultyPart
+from hiltest.world.sensors.lis3mdl import Lis3mdl
+
+from ..sensors.bus_master import read, write
+
+RIG = Path(__file__).parents[2] / "hil" / "rigs" / "text-compass.toml"
+PTC5_IS_GPIO = 0x4004B014, 4, 1 << 8  # PORTC_PCR5
+LIS3MDL = """
+[[sensors.parts]]
+part = "lis3mdl"
+"""
+
+
+def rig_with(tmp_path: Path, addition: str, *changes: tuple[str, str]) -> Rig:
+    text = RIG.read_text()
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    file = tmp_path / "rig.toml"
+    file.write_text(text + addition)
+    return load_rig(file)
+
+
+def refusal(tmp_path: Path, addition: str, *changes: tuple[str, str]) -> tuple[str, str]:
+    """The refused line of a rig, and the sentence."""
+    with pytest.raises(ConfigError) as refused:
+        rig_with(tmp_path, addition, *changes)
+    place = re.match(r".*rig\.toml:(\d+): (.*)", str(refused.value))
+    assert place, refused.value
+    return (tmp_path / "rig.toml").read_text().splitlines()[int(place[1]) - 1], place[2]
+
+
+def readings_ut(part, register: int, counts_per_ut: float, start_s: float = 0.1) -> np.ndarray:
+    """One reading along the axes of the part."""
+    data = read(part, start_s, register, 6)
+    return np.frombuffer(data, "<i2") / counts_per_ut
+
+
+def test_a_part_stands_beside_those_of_the_shield_with_its_own_truth(tmp_path: Path) -> None:
+    axes = 'axes = ["-y", "-x", "z"]\nmagnetometer_noise_ut = 0.0\nmagnetometer_offset_ut = [10.0, 0.0, -5.0]\n'
+    rig = rig_with(tmp_path, LIS3MDL + axes)
+    assert set(rig.parts) == {"mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq", "lis3mdl"}
+    world = build_world(rig)
+    parts = {part.address: part for part in build_sensors(rig, world, seed=1)["i2c1"]}
+    assert sorted(parts) == [0x0E, 0x1C, 0x1E, 0x20]
+    write(parts[0x1C], 0.05, 0x22, 0x00)
+    x, y, z = readings_ut(parts[0x1C], 0x28, 68.42, 0.3)
+    assert rig.world is not None
+    field_ut = np.array(rig.world.soft_iron) @ world.state_at(0.3).field_body_ut + rig.world.hard_iron_ut
+    assert [-y, -x, z] == pytest.approx(field_ut + np.array([10.0, 0.0, -5.0]), abs=0.01)  # a count is 0.015 uT
+
+
+def test_a_part_can_be_the_magnetometer_under_test(tmp_path: Path) -> None:
+    rig = rig_with(
+        tmp_path,
+        LIS3MDL + "magnetometer_offset_ut = [10.0, 0.0, -5.0]\n",
+        ('magnetometer = "MAG3110"', 'magnetometer = "LIS3MDL"'),
+    )
+    assert rig.magnetometer_part == "lis3mdl"
+    truth = world_truth(rig)
+    assert truth is not None
+    assert truth.hard_iron_counts == pytest.approx((124.0, -22.0, -10.0))  # 10 a microtesla
+    noisy = ("magnetometer_noise_ut = 0.4 ", "magnetometer_noise_ut = 0.8 ")
+    _, sentence = refusal(tmp_path, LIS3MDL, ('magnetometer = "MAG3110"', 'magnetometer = "LIS3MDL"'), noisy)
+    assert "declares 0.8 uT, and the world has 0.35" in sentence
+
+
+def test_two_parts_of_a_kind_have_names_and_noise_of_their_own(tmp_path: Path) -> None:
+    rig = rig_with(tmp_path, LIS3MDL + LIS3MDL + 'name = "second"\naddress = 0x1E\nbus = "i2c0"\n')
+    sensors = build_sensors(rig, build_world(rig), seed=1)
+    pair = [part for bus in ("i2c1", "i2c0") for part in sensors[bus] if isinstance(part, Lis3mdl)]
+    assert [part.address for part in pair] == [0x1C, 0x1E]
+    for part in pair:
+        write(part, 0.05, 0x22, 0x00)
+    first, second = (readings_ut(part, 0x28, 68.42, 0.3) for part in pair)
+    assert first == pytest.approx(second, abs=6.0)  # 5 sigma of their difference in low-power mode
+    assert all(first != second)
+
+
+def test_faults_of_a_named_part(tmp_path: Path) -> None:
+    absent = '\n[faults]\nsensor = { part = "lis3mdl", fault = "absent", after_s = 1.0, for_s = 1.0 }\n'
+    rig = rig_with(tmp_path, LIS3MDL + absent)
+    part = build_sensors(rig, build_world(rig), seed=1)["i2c1"][-1]
+    assert isinstance(part, FaultyPart)
+    assert [part.start(True, time_s) for time_s in (0.5, 1.5, 2.5)] == [True, False, True]
+    frozen = rig_with(tmp_path, LIS3MDL + absent.replace("absent", "frozen"))
+    part = build_sensors(frozen, build_world(frozen), seed=1)["i2c1"][-1]
+    write(part, 0.05, 0x22, 0x00)
+    rows = [readings_ut(part, 0x28, 68.42, time_s).tolist() for time_s in (0.8, 1.15, 1.95, 2.5)]
+    assert [row == rows[1] for row in rows] == [False, True, True, False]
+
+
+def test_an_interrupt_pin_is_wired_to_the_processor(tmp_path: Path) -> None:
+    rig = rig_with(tmp_path, LIS3MDL + 'interrupts = { DRDY = "PTC5" }\n')
+    bench = VirtualBench(rig)
+    bench.power_on()
+    bench.machine.bus.write(*PTC5_IS_GPIO)
+    assert not bench.machine.level("PTC5")
+    bench.write_sensor(1, 0x1C, 0x22, 0x00)  # continuous, 10 Hz
+    bench.machine.run_until(bench.time_s + 0.25)
+    assert bench.machine.level("PTC5")
+
+
+def test_a_part_on_spi_answers_to_its_chip_select(tmp_path: Path) -> None:
+    rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n')
+    bench = VirtualBench(rig)
+    bench.power_on()
+    registers, spi = bench.machine.bus, 0x4002C000
+    registers.write(0x4004803C, 4, registers.read(0x4004803C, 4) | 1 << 12)  # SIM_SCGC6: SPI0
+    registers.write(0x4004C000, 4, 2 << 8)  # PORTD_PCR0: SPI0_PCS0
+    registers.write(spi, 4, 1 << 31 | 1 << 16)  # MCR: master, chip select low when active
+    registers.write(spi + 0xC, 4, 7 << 27)  # CTAR0: bytes
+    for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
+        registers.write(spi + 0x34, 4, command)
+    bench.machine.run_until(bench.time_s + 1e-3)
+    assert [registers.read(spi + 0x38, 4) for _ in range(2)] == [0xFF, 0x3D]
+
+
+def test_the_mag3110_of_the_shield_can_be_wired(tmp_path: Path) -> None:
+    wired = '\n[[sensors.parts]]\npart = "mag3110"\ninterrupts = { INT1 = "PTC5" }\n'
+    rig = rig_with(tmp_path, wired)
+    assert set(rig.parts) == {"mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq"}
+    bench, levels = VirtualBench(rig), set()
+    bench.power_on()
+    bench.machine.bus.write(*PTC5_IS_GPIO)
+    for _ in range(50):  # the firmware reads samples at 80 Hz soon after they are ready
+        bench.machine.run_until(bench.time_s + 0.5e-3)
+        levels.add(bench.machine.level("PTC5"))
+    assert levels == {False, True}
+
+
+def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
+    assert conditions_sha256(rig_with(tmp_path, "")) == conditions_sha256(load_rig(RIG))
+    assert conditions_sha256(rig_with(tmp_path, LIS3MDL)) != conditions_sha256(load_rig(RIG))
+
+
+@pytest.mark.parametrize(
+    ("addition", "changes", "line", "sentence"),
+    [
+        ('part = "lis3mld"', (), 'part = "lis3mld"', "no part 'lis3mld'; did you mean 'lis3mdl'?"),
+        ('part = "lis3mdl"\nadress = 0x1C', (), "adress = 0x1C", "unknown key 'adress'"),
+        (
+            'part = "lis3mdl"\ninterrupts = { RDY = "PTB9" }',
+            (),
+            'interrupts = { RDY = "PTB9" }',
+            "lis3mdl has no pin RDY; it has INT, DRDY",
+        ),
+        (
+            'part = "lis3mdl"\naddress = 0x1E',
+            (),
+            "address = 0x1E",
+            "lis3mdl and fxos8700cq have the same address 0x1e on i2c1",
+        ),
+        ('part = "lis3mdl"\naddress = 0x20', (), "address = 0x20", "lis3mdl answers at 0x1c or 0x1e only"),
+        ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),
+        ('part = "fxas21002c"\naxes = ["x", "y", "z"]', (), 'axes = ["x", "y", "z"]', "is a key of [world] for"),
+        ('part = "mag3110"\nbus = "spi0"\nchip_select = "PTD0"', (), 'bus = "spi0"', "mag3110 has a model for I2C"),
+        ('part = "lis3mdl"\n[[sensors.parts]]\npart = "lis3mdl"', (), "[[sensors.parts]]", "is the second part"),
+        (
+            'part = "lis3mdl"\n\n[faults]\nsensor = { part = "qmc5883p", fault = "frozen" }',
+            (),
+            'sensor = { part = "qmc5883p", fault = "frozen" }',
+            "is none of",
+        ),
+    ],
+)
+def test_mistakes_are_refused_with_their_line(tmp_path: Path, addition: str, changes, line: str, sentence: str) -> None:
+    refused_line, refused_sentence = refusal(tmp_path, f"\n[[sensors.parts]]\n{addition}\n", *changes)
+    assert refused_line == line
+    assert sentence in refused_sentence
+
+
+def test_parts_are_of_a_virtual_board() -> None:
+    real = RIG.with_name("frdm-k64f.toml")
+    with pytest.raises(ConfigError, match=r'sensors\.parts: requires a board of kind "virtual"'):
+        parse_rig(real, real.read_bytes() + LIS3MDL.encode())
