@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -144,14 +145,15 @@ class Prompt:
 
     Attributes
     ----------
-    requests : int
-        Number of lines that have arrived.
+    requests : list of float
+        Wall times at which a line has arrived [s].
     """
 
     def __init__(self) -> None:
         self.master, slave = os.openpty()
         tty.setraw(slave)
-        self.port, self._slave, self.requests, self._ends = os.ttyname(slave), slave, 0, False
+        self.port, self._slave, self._ends = os.ttyname(slave), slave, False
+        self.requests: list[float] = []
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
@@ -163,8 +165,8 @@ class Prompt:
             received += os.read(self.master, 100)
             *lines, received = received.split(b"\n")
             for line in lines:
-                self.requests += 1
-                os.write(self.master, b"> " + line + b"\n" + (b"heading 12.5\n" if self.requests > 1 else b""))
+                self.requests.append(time.monotonic())
+                os.write(self.master, b"> " + line + b"\n" + (b"heading 12.5\n" if len(self.requests) > 1 else b""))
 
     def end(self) -> None:
         self._ends = True
@@ -181,15 +183,16 @@ def test_firmware_that_answers_only_requests_is_asked_again_when_it_has_answered
     file.write_text(f"{RIG[:begin]}{ASKED}{RIG[end:]}", encoding="utf-8")
     try:
         with open_board(load_rig(file), port=prompt.port) as board:
-            began, asked = board.now_s(), prompt.requests
-            assert asked == 2, "the first one is not answered in its window"
+            began, asked = board.now_s(), len(prompt.requests)
+            assert asked == 2
+            assert prompt.requests[1] - prompt.requests[0] > 0.15, "the first one is not answered in its window"
             settled = wait_until_settled(board, frame_of(board.output.rig))
             assert settled.heading_deg == 12.5
-            requests, duration_s = prompt.requests - asked, board.now_s() - began
+            requests, duration_s = len(prompt.requests) - asked, board.now_s() - began
             assert requests == pytest.approx(duration_s / 0.1, abs=2), "one for each reading"
-            quiet = prompt.requests
+            quiet = len(prompt.requests)
             board.sleep(0.3)
-            assert prompt.requests == quiet
+            assert len(prompt.requests) == quiet
     finally:
         prompt.end()
 

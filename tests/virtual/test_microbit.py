@@ -88,3 +88,16 @@ def test_time_passes_as_the_board_s_clock_says(prompt: Prompt) -> None:
     after_s, after_ms = prompt.board.time_s, int(prompt.ask("running_time()"))
     # The firmware loses the time between two instructions, which read and restart its timer, at each tick of 6 ms.
     assert after_ms - before_ms == pytest.approx(1000 * (after_s - before_s), abs=10)
+
+
+def test_a_board_repeats_its_actions_from_a_snapshot(prompt: Prompt) -> None:
+    def work() -> tuple[str, int, int, tuple[str, ...]]:
+        prompt.bench.begin_turn(Pose(40.0, 10.0, -5.0))
+        answers = [prompt.ask(line) for line in ("compass.get_x()", "accelerometer.get_values()", "display.show('B')")]
+        core = prompt.board.processor.core
+        return "\n".join(answers), core.cycles, core.instructions, prompt.board.display_rows()
+
+    before = prompt.bench.snapshot()
+    once = work()
+    prompt.bench.restore(before)
+    assert work() == once

@@ -10,7 +10,8 @@ from hiltest.errors import BoardFault, ConfigError
 from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, World
-from hiltest.world.sensors import Mma8653
+from hiltest.world.sensors import SensorSetup
+from hiltest.world.sensors.mma8653 import Mma8653
 
 CLOCK, UART, TWI, GPIOTE, TIMER0, RTC0, TEMP, RNG = (
     0x40000000 + 0x1000 * number for number in (0, 2, 3, 6, 8, 11, 12, 13)
@@ -34,7 +35,7 @@ class Chip:
     """
 
     def __init__(self, code: bytes = LOOP) -> None:
-        part = Mma8653(World(EarthField(48.5, 62.0)), seed=1)
+        part = Mma8653(SensorSetup(World(EarthField(48.5, 62.0))))
         self.board = VirtualMicrobit(load_image(code, base=0, core="cortex-m0"), i2c=[part])
         self.board.boot()
 
@@ -201,6 +202,16 @@ def test_gpiote_toggles_a_pin_by_a_task_and_reports_an_edge(chip: Chip) -> None:
     chip[GPIOTE + 0x514] = 1 | 1 << 8 | 1 << 16  # channel 1: event of a rising edge of P0.1
     chip.board.drive("P0.1", True)
     assert chip[GPIOTE + 0x104] == 1
+
+
+def test_registers_that_set_and_clear_bits_change_no_others(chip: Chip) -> None:
+    chip[TEMP + 0x304], chip[TEMP + 0x304], chip[TEMP + 0x308] = 0x1, 0x8, 0x1
+    chip[TIMER0 + 0x304], chip[TIMER0 + 0x304], chip[TIMER0 + 0x308] = 1 << 16, 1 << 19, 1 << 16
+    assert (chip[TEMP + 0x300], chip[TIMER0 + 0x300]) == (0x8, 1 << 19)
+    chip[GPIO + 0x518], chip[GPIO + 0x51C] = 0b1110, 0b0100
+    chip[GPIO + 0x508], chip[GPIO + 0x50C] = 0b0111, 0b0001
+    assert (chip[GPIO + 0x514], chip[GPIO + 0x504], chip[GPIO + 0x700 + 4 * 3] & 1) == (0b1010, 0b0110, 1)
+    assert [chip.board.level(f"P0.{pin}") for pin in range(4)] == [True, True, False, False]  # SCL is pulled up
 
 
 def test_a_lit_led_is_seen_for_20_ms(chip: Chip) -> None:
