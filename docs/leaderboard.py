@@ -49,8 +49,6 @@ from hiltest.text import format_number
 PAGE = Path(__file__).with_suffix(".md")
 FOLDER = Path(__file__).with_suffix("")
 RESULTS, PACKAGES = FOLDER / "results.json", FOLDER / "requirements.txt"
-LEAST_SHARE = 0.5
-"""Least share of answers in each of these two families for a rank."""
 MOTIONS = 5
 """Number of simulated motions."""
 IN_C, IN_PYTHON = "hiltest C", "hiltest float64"
@@ -83,7 +81,7 @@ nothing.
 ## Calibrators
 
 Errors are multiples of the Cramér-Rao bound, root mean squares over worlds with an answer:
-[judge.md](judge.md#numbers) has the definitions. The order is that of the geometric mean of the errors in two
+[judge.md](judge.md#numbers) has the definitions. The order is that of `hiltest judge`, by the larger error in two
 families: `rig`, the default rig, in which most fits are equal, and `{second}`, {title}, in which they differ. An
 entry without an answer in more than half of the worlds of one of them has no place. `worst` is the largest heading
 error over the poses of the default rig, the median over its worlds. *No answer* counts refusals and answers that are
@@ -363,10 +361,11 @@ def read_results() -> Results:
 
 def page(results: Results) -> str:
     """Return the text of the page."""
-    calibrators = sorted((row for row in results.rows if row.calibrator), key=_calibrator_order)
-    filters = sorted(
-        (row for row in results.rows if row.filter), key=lambda row: _mean_over(row, "total", _is_recorded)[0]
+    calibrators = sorted(
+        (row for row in results.rows if row.calibrator),
+        key=lambda row: (_result(row).rank_error, row.name, row.source),
     )
+    filters = sorted((row for row in results.rows if row.filter), key=_filter_error)
     recordings = [name for name in results.motions if _is_recorded(name)]
     titles = {family.name: family.title for family in FAMILIES}
     others = [name for name in results.worlds if name not in DEFAULT_CLOUDS]
@@ -417,26 +416,17 @@ def _result(row: Row) -> EntryResult:
     return row.calibrator
 
 
-def _calibrator_order(row: Row) -> tuple[bool, float, str, str]:
-    """Return the key that sorts calibrators: those without enough answers last, otherwise by two errors together."""
-    families = [_result(row).family(name) for name in DEFAULT_CLOUDS]
-    shares = [1.0 - (family.refused + family.no_ellipsoid) / family.worlds for family in families]
-    errors = [family.rms.value if family.rms else math.inf for family in families]
-    return min(shares) < LEAST_SHARE, math.prod(errors), row.name, row.source
-
-
 def _calibrator_cells(place: int, row: Row) -> list[str]:
     result = _result(row)
     whole, rig = result.family(ALL), result.family(RIG)
-    lacks_answers = _calibrator_order(row)[0]
     return [
-        "" if lacks_answers else str(place),
+        str(place) if math.isfinite(result.rank_error) else "",
         row.name,
         row.source,
         *(_cell(result.family(name).rms) for name in (*DEFAULT_CLOUDS, ALL)),
         _cell(whole.p99),
         _cell(rig.worst_deg),
-        str(whole.refused + whole.no_ellipsoid),
+        str(whole.unanswered),
         format_number(result.cost.cycles) if result.cost.cycles else "",
         compiler_in(result.built_by),
     ]

@@ -370,6 +370,10 @@ class TestSentBench:
         return folder
 
     def test_it_has_what_the_bench_is_made_of_and_what_options_variables_and_the_rig_name(self, path: Path) -> None:
+        rig = path / "hil" / "rigs" / "mine.toml"
+        text = rig.read_text(encoding="utf-8").replace("[world]", '[world]\nmotion_recordings = ["../../build/*.npz"]')
+        rig.write_text(text, encoding="utf-8")
+        (path / "build" / "trial.npz").touch()
         options = ["--hil-firmware=given.elf", "--hil-rig=mine", "-q", "hil/suites/test_mine.py::test_mine"]
         environment = {"HIL_FIRMWARE": "../above.elf", "HIL_OUT": "hil-out", "HOME": str(path.parent)}
         sent = sent_bench(options, environment)
@@ -385,6 +389,7 @@ class TestSentBench:
             "mine/hil/suites/test_mine.py",
             "mine/pytest.ini",
             "mine/build/mine.elf",
+            "mine/build/trial.npz",
             "mine/given.elf",
             "above.elf",
         }

@@ -155,6 +155,7 @@ def test_a_recording_with_true_attitudes_has_the_errors_of_the_filter(
     # mean of 16 readings of field, from which the gyroscope begins, has 0.25, and three of them are 0.75. The bias of
     # 1.5 deg/s, not subtracted, would turn its attitude by 15 degrees.
     assert errors["attitude filter, motion"][0] < 0.4
+    assert errors["attitude filter, first seconds"][0] < 0.4
     assert errors["gyroscope, motion"][0] < 1.0
     assert all(math.hypot(*parts) == pytest.approx(total, abs=0.02) for total, *parts in errors.values())
 

@@ -1,12 +1,12 @@
-"""Filters of packages, as `hiltest judge filters.py:NAME` calls them.
+"""Filters of packages, as `hiltest judge filters.py:NAME` calls them; docs/leaderboard.md has the rules.
 
-Each class gives a package one reading at a time: rates [rad/s], gravity [g], positive down, and field [uT]. Its
-quaternion is x, y, z, w from body to north, east, down. docs/leaderboard.md has the rules. The first line of a
-docstring is the entry's name in its table.
+`hiltest judge` gives each class one reading at a time: rates [rad/s], gravity [g], positive down, and field [uT]. It
+reads a quaternion x, y, z, w from body to north, east, down. The first line of a class's docstring is the entry's name
+in the table.
 
-Packages want the specific force, which is opposite to gravity: a level body at rest has (0, 0, 1) if z points up. Many
-filters take the direction of the acceleration for the third axis of the earth's frame. If gravity is given to them in
-its place, then that axis points down and their frame is north, east, down.
+Packages expect the specific force, which is opposite to gravity: for a level body at rest it is (0, 0, 1) if z points
+up. Many filters use the direction of the acceleration as the third axis of the earth's frame. If they get gravity
+instead, that axis points down, and their frame is north, east, down.
 """
 
 from __future__ import annotations

@@ -1,9 +1,13 @@
-"""Attitude of the filter during a motion, compared with each half alone: gyroscope; accelerometer and field."""
+"""Attitude of the filter during a motion, compared with each half alone: gyroscope; accelerometer and field.
+
+The filter also follows the recorded motions that the rig names.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from statistics import fmean
 
 import pytest
 
@@ -17,13 +21,18 @@ from hiltest.procedures import (
     Turntable,
     measure_fusion,
 )
+from hiltest.procedures.recorded_motion import Played, follow_recordings
 from hiltest.rig import Rig
+from hiltest.session.bench_session import SESSION
 from hiltest.session.fixtures import Measure
+from hiltest.session.settings import Settings
 
 pytestmark = [pytest.mark.hil, pytest.mark.full]
 
 # The first calibration of the heading suite.
 CALIBRATOR = "direct"
+# Parts of a recorded motion, whose total errors are measured.
+PHASES = ("first seconds", "rest", "translation", "disturbed field")
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +53,25 @@ def motion(
         bias_s=rig.procedure.gyroscope_rest_s,
         progress=hil_progress,
     )
+
+
+@pytest.fixture(scope="module")
+def recorded(
+    board: Board, rig: Rig, hil_settings: Settings, hil_progress: Progress, request: pytest.FixtureRequest
+) -> Mapping[str, Played]:
+    """Errors of the attitude filter on the rig's recorded motions, each on a virtual board with the same firmware."""
+    if rig.world is None or rig.world.motion_recordings is None:
+        pytest.skip("the rig names no recordings: world.motion_recordings")
+    if board.stage is None:
+        pytest.skip("only a virtual board plays recordings")
+
+    def follow() -> dict[str, Played]:
+        return follow_recordings(rig, firmware=hil_settings.firmware, base=hil_settings.base, progress=hil_progress)
+
+    results: dict[str, Played] = request.config.stash[SESSION].tape.ask(
+        "recorded motions", {}, dict[str, Played], follow
+    )
+    return results
 
 
 def test_attitude_during_a_motion(motion: FusionResult, measure: Measure) -> None:
@@ -79,6 +107,29 @@ def test_errors_over_time(motion: FusionResult, measure: Measure) -> None:
             *(map(finite_or_none, errors.heading_deg.tolist()) for errors in errors_by_name.values() if errors),
             strict=True,
         ),
+    )
+
+
+def test_attitude_on_recorded_motion(recorded: Mapping[str, Played], measure: Measure) -> None:
+    by_recording = {name: played.filter_errors() for name, played in recorded.items()}
+    columns = [("motion", error) for error in ("total", "heading", "inclination")]
+    columns += [(phase, "total") for phase in PHASES]
+    rows = [
+        [getattr(errors[phase], f"{error}_deg") if phase in errors else None for phase, error in columns]
+        for errors in by_recording.values()
+    ]
+    for (phase, error), values in zip(columns, zip(*rows, strict=True), strict=True):
+        present = [value for value in values if value is not None]
+        measure(
+            f"fusion.recorded.{phase.replace(' ', '_')}.{error}",
+            fmean(present) if present else None,
+            "deg",
+            not_offered="no recording has this phase",
+        )
+    measure.table(
+        "fusion.recordings",
+        {"recording": ""} | {f"{phase}, {error}": "deg" for phase, error in columns},
+        [[name, *row] for name, row in zip(by_recording, rows, strict=True)],
     )
 
 

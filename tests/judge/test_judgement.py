@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from hiltest.judge.judgement import (
     limit_values,
     root_mean_square,
 )
-from hiltest.judge.worlds import FAMILIES, RIG, World, draw_world
+from hiltest.judge.worlds import FAMILIES, HALF_SPHERE, RIG, World, draw_world
 from hiltest.measurement.estimates import Estimate
 
 
@@ -105,6 +106,16 @@ def test_other_entries_are_ranked_by_the_larger_error_of_both_default_clouds(sma
     unusable = judge(Truth(np.nan), "hiltest")
     roles = [entry.role for entry in document(small, [unusable, large, small], {}).entries]
     assert roles == ["judged", "judged", "against", "hiltest"]
+
+
+@pytest.mark.parametrize(("refused", "error"), [(0, 2.0), (50, 2.0), (51, math.inf)])
+def test_an_entry_without_an_answer_in_more_than_half_of_a_default_cloud_has_no_rank(
+    small: Judged, refused: int, error: float
+) -> None:
+    half = {"rms": Estimate(2.0, None, None), "refused": refused // 2, "no_ellipsoid": refused - refused // 2}
+    changes = {RIG: {"rms": Estimate(1.0, None, None)}, HALF_SPHERE: half}
+    families = [replace(family, **changes.get(family.family, {})) for family in small.result.families]
+    assert replace(small.result, families=tuple(families)).rank_error == error
 
 
 def test_cycles_of_another_compiler_or_an_unknown_one_are_not_ranked(small: Judged, large: Judged) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import subprocess
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +19,11 @@ from hiltest.commands.cli import main
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.judge.answers import Answer, rate
 from hiltest.judge.build import header_folder
-from hiltest.judge.entries import is_filter, open_entry, open_filter
+from hiltest.judge.entries import open_entry, open_filter, open_foreign
 from hiltest.judge.filters import FilterAnswers, median_cycles
 from hiltest.judge.foreign_entries import ForeignCalibrator, ForeignFilter
 from hiltest.judge.host_calibrator import HostCalibrator
+from hiltest.judge.signature_table import read_signature_table
 from hiltest.judge.worlds import FAMILIES, World, draw_world
 
 WORLDS = [draw_world(family, 3) for family in FAMILIES]
@@ -198,20 +201,24 @@ def library(source: str, *options: str) -> str:
     return file
 
 
+def opened(named: str, table: str) -> AbstractContextManager[Any]:
+    """Open the calibrator or filter of a table."""
+    return open_foreign(named, read_signature_table(Path(table)))
+
+
 def answer_of(named: str, table: str | None, world: World = WORLDS[0]) -> Answer:
-    with open_entry(named, None, None, Path(table) if table else None) as entry:
+    with opened(named, table) if table else open_entry(named, None) as entry:
         return entry.answer(world)
 
 
 def filter_answers(named: str, table: str | None) -> FilterAnswers:
-    with open_filter(named, Path(table) if table else None) as judged:
+    with opened(named, table) if table else open_filter(named) as judged:
         return judged.follow(motion())
 
 
 @pytest.mark.parametrize("floats", [("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"), ("-mfloat-abi=soft",)])
 def test_a_filter_of_firmware_is_judged_as_with_the_contract(write: Write, floats: tuple[str, ...]) -> None:
     elf, table = linked(write(MAHONY_C, "mahony.c"), *floats), write(QUATERNION_TOML, "mahony.toml")
-    assert is_filter(elf, None, Path(table))
     answers = filter_answers(elf, table)
     expected = filter_answers(linked(write(MAHONY_CONTRACT_C, "contract.c"), *floats), None)
     turns = [Rotation.from_quat(one.quaternions) for one in (answers, expected)]  # type: ignore[arg-type]
@@ -259,9 +266,9 @@ def test_a_calibrator_of_structs_of_counts_is_judged_as_with_the_contract(write:
     contract = write(RANGE_CONTRACT_C, "contract.c")
     shared = library(write(RANGE_C, "shared.c"))
     with (
-        open_entry(elf, None, None, Path(table)) as entry,
+        opened(elf, table) as entry,
         open_entry(contract, None) as other,
-        open_entry(shared, None, None, Path(table)) as host,
+        opened(shared, table) as host,
     ):
         assert isinstance(entry, ForeignCalibrator)
         assert isinstance(host, HostCalibrator)
@@ -390,7 +397,7 @@ def test_samples_and_results_may_lie_anywhere(write: Write, text: str, table: st
     samples = WORLDS[0].samples_ut
     middle = 0.5 * (samples.min(axis=0) + samples.max(axis=0))
     for file in [source] if "return->" in table else [source, library(source)]:
-        with open_entry(file, None, None, Path(signature)) as entry:
+        with opened(file, signature) as entry:
             entry.answer(WORLDS[1])
             answer = entry.answer(WORLDS[0])
         # float32 of 50 uT after a product, and halves of steps of 0.01 uT
@@ -499,7 +506,7 @@ def test_a_fault_names_the_world_and_the_reading(write: Write) -> None:
         "float w =", "if (fabsf(state->q[3]) > 0.1f) *(volatile int *)0xffffff00 = 1;\n    float w ="
     )
     source, table = write(text, "mahony.c"), write(QUATERNION_TOML, "mahony.toml")
-    with open_filter(source, Path(table)) as judged:
+    with opened(source, table) as judged:
         assert isinstance(judged, ForeignFilter)
         with pytest.raises(BoardFault, match=r"in the motion rig, reading \d+: "):
             judged.follow(motion())
@@ -546,3 +553,5 @@ def test_the_command_judges_by_a_table(
     assert "range.c" in capsys.readouterr().out
     assert judge("range.c", "--signature", "mine.toml", "--function", "mag_cal") == 4
     assert judge("mine.py:fit", "--signature", "mine.toml") == 4
+    assert judge("range.c", "--signature", "mine.toml", "--recording", "trial.npz") == 4
+    assert "mine.toml describes a calibrator" in capsys.readouterr().err

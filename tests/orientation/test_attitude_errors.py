@@ -123,6 +123,14 @@ def test_phases_are_taken_from_the_truth():
     assert times_s["disturbed field"] == pytest.approx(np.arange(160, 180) / 10.0)
 
 
+def test_first_seconds_and_rest_begin_with_the_estimator():
+    masks = phases(level_recording(), starts_s=3.05)
+    times_s = {name: (np.flatnonzero(mask) / 10.0).tolist() for name, mask in masks.items()}
+    assert (times_s["first seconds"][0], times_s["first seconds"][-1]) == (3.1, 8.0)
+    assert (times_s["rest"][0], times_s["rest"][-1]) == (8.1, 9.9)
+    assert times_s["motion"][0] == 10.0
+
+
 def test_an_estimator_gets_gravity_in_g_and_rates_without_their_bias():
     recording, arguments = level_recording(), []
 

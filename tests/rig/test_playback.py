@@ -9,6 +9,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.rig import Rig
+from hiltest.rig.recorded_motion import PlaybackFile
 from hiltest.rig.rig import conditions_sha256
 from hiltest.rig.rig_file import load_rig
 
@@ -30,9 +31,33 @@ def test_a_string_is_a_table_with_the_file_alone(tmp_path: Path) -> None:
 
 
 def test_a_recording_is_one_of_the_conditions_and_none_leaves_them_as_they_were(tmp_path: Path) -> None:
-    digests = {conditions_sha256(rig(tmp_path, keys)) for keys in ("", 'playback = "a.csv"', 'playback = "b.csv"')}
-    assert len(digests) == 3
+    tables = ("", 'playback = "a.csv"', 'playback = "b.csv"', 'motion_recordings = ["a.npz"]')
+    digests = {conditions_sha256(rig(tmp_path, keys)) for keys in tables}
+    assert len(digests) == 4
     assert conditions_sha256(load_rig(RIG)) in digests
+
+
+def test_recorded_motions_are_named_one_by_one_or_by_a_pattern(tmp_path: Path) -> None:
+    (tmp_path / "trials").mkdir()
+    for name in ("b.npz", "a.npz", "a.csv"):
+        (tmp_path / "trials" / name).touch()
+    assert rig(tmp_path, "").motion_recordings() == {}
+    named = rig(tmp_path, 'motion_recordings = ["trials/*.npz"]').motion_recordings()
+    assert named == {f"trials/{name}.npz": tmp_path / "trials" / f"{name}.npz" for name in "ab"}
+    with pytest.raises(ConfigError, match=r"bench.toml:\d+: world.motion_recordings: no file 'c.npz' in .*; correct"):
+        rig(tmp_path, 'motion_recordings = ["c.npz"]').motion_recordings()
+    with pytest.raises(ConfigError, match="names no recording: leave it out"):
+        rig(tmp_path, "motion_recordings = []")
+
+
+def test_a_recording_replaces_the_disturbances_of_a_world(tmp_path: Path) -> None:
+    driving = load_rig(RIG.with_name("virtual-k64f-driving.toml"))
+    playing = driving.playing(tmp_path / "trial.npz")
+    assert driving.world is not None
+    assert playing.world is not None
+    assert playing.world.playback == PlaybackFile(str(tmp_path / "trial.npz"))
+    assert len(driving.world.disturbances) == 3
+    assert playing.world.disturbances == {}
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,8 @@ def _rig_files(folder: Path, options: Sequence[str], environment: Mapping[str, s
     with suppress(ConfigError, OSError):
         rig = load_rig(rig_file(folder, named[-1] or None))
         playback = rig.world.playback if rig.world else None
-        for name in (rig.board.firmware, rig.board.timing, playback and playback.file):
+        recordings = map(str, rig.motion_recordings().values())
+        for name in (rig.board.firmware, rig.board.timing, playback and playback.file, *recordings):
             if name and (path := Path(os.path.normpath(rig.path.parent / name))).is_file():
                 yield path
 

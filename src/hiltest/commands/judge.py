@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,7 +16,7 @@ from hiltest.commands.options import documented, parsed
 from hiltest.session.settings import DEFAULT_OUT, file_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from hiltest.judge.judgement import JudgeDocument
     from hiltest.judge.worlds import World
@@ -104,10 +104,11 @@ def judge(
     from hiltest import __version__
     from hiltest.commands.options import ErrorOutput
     from hiltest.judge.build import HEADER
-    from hiltest.judge.entries import is_filter, open_entry
+    from hiltest.judge.entries import is_filter, is_python, open_entry, open_filter, open_foreign
     from hiltest.judge.judgement import JudgeDocument, document
     from hiltest.judge.judgement import judge as judge_entry
     from hiltest.judge.own_calibrators import own_calibrators
+    from hiltest.judge.signature_table import read_signature_table
     from hiltest.judge.worlds import FAMILIES, WORLDS
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
@@ -122,19 +123,27 @@ def judge(
     if signature is not None and function is not None:
         raise click.UsageError(f"--function: the functions are those of {signature}; leave one option out")
     largest = dict(map(_limit, limits))
-    judges_filter = bool(recordings) or is_filter(file, function, signature)
+    if signature is not None and is_python(file):
+        raise click.UsageError(f"{file}: --signature is for C and C++; in Python, write a function of the contract")
+    table = None if signature is None else read_signature_table(signature)
+    judges_filter = table[0].is_filter if table else bool(recordings) or is_filter(file, function)
+    if recordings and not judges_filter:
+        raise click.UsageError(f"--recording: {signature} describes a calibrator; leave one option out")
+
+    def opened(named: str) -> Any:
+        if table is not None and not is_python(named):
+            return open_foreign(named, table, part)
+        return open_filter(named) if judges_filter else open_entry(named, function, part)
+
     folder = Path(out or f"{DEFAULT_OUT}/judge")
     make_folder(folder)
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda line: click.echo(line, err=True))
+    files = {"judged": file} | ({} if against is None else {"against": against})
     if judges_filter:
-        files = [file] + ([against] if against else [])
-        return _written(_judge_filters(files, signature, recordings, largest, alone, progress), folder)
+        return _written(_judge_filters(files, opened, recordings, largest, alone, progress), folder)
     with ExitStack() as stack:
-        opened = [(stack.enter_context(open_entry(file, function, part, signature)), "judged")]
-        if against is not None:
-            opened.append((stack.enter_context(open_entry(against, function, part, signature)), "against"))
-        others = [] if alone else [(entry, "hiltest") for entry in own_calibrators()]
-        entries = [*opened, *others]
+        entries = [(stack.enter_context(opened(named)), role) for role, named in files.items()]
+        entries += [] if alone else [(entry, "hiltest") for entry in own_calibrators()]
         total, done = len(entries) * WORLDS * len(FAMILIES), count()
         judged = []
         for entry, role in entries:
@@ -142,19 +151,17 @@ def judge(
             judged.append(judge_entry(entry, role, progress_of))
     progress.clear()
     other = judged[1] if against is not None else None
-    result = document(judged[0], judged[len(opened) :], largest, other)
-    return _written(result, folder)
+    return _written(document(judged[0], judged[len(files) :], largest, other), folder)
 
 
 def _judge_filters(
-    files: Sequence[str],
-    signature: Path | None,
+    files: Mapping[str, str],
+    opened: Callable[[str], Any],
     recordings: Sequence[Path],
     limits: Mapping[str, float],
     alone: bool,
     progress: ProgressLine,
 ) -> JudgeDocument:
-    from hiltest.judge.entries import open_filter
     from hiltest.judge.filter_scores import judge_filter
     from hiltest.judge.filters import OwnFilter
     from hiltest.judge.judgement import filter_document
@@ -163,12 +170,10 @@ def _judge_filters(
 
     motions = [read_motion_recording(file) for file in recordings] or [simulated_motion()]
     with ExitStack() as stack:
-        filters = [stack.enter_context(open_filter(file, signature)) for file in files] + (
-            [] if alone else [OwnFilter()]
-        )
-        roles = [*["judged", "against"][: len(files)], "hiltest"]
+        filters = [(stack.enter_context(opened(named)), role) for role, named in files.items()]
+        filters += [] if alone else [(OwnFilter(), "hiltest")]
         total, done, results = len(filters) * len(motions), count(), []
-        for filter_, role in zip(filters, roles, strict=False):
+        for filter_, role in filters:
             progress_of = partial(_show_motion, progress, done, total, filter_.name)
             results.append(judge_filter(filter_, role, motions, progress_of))
     progress.clear()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,13 +67,12 @@ def play(rig: str, firmware: Path | None, recording: Path | None, every_s: float
     """
     from hiltest.interfaces.sensor_files.recorded_motion import load_playback
     from hiltest.procedures.recorded_motion import follow_recording, play_back
-    from hiltest.rig.recorded_motion import PlaybackFile
     from hiltest.session.progress_line import ProgressLine
     from hiltest.world.recorded_motion import Sensed
 
     described = load_named_rig(rig)
     if recording is not None and described.world is not None:
-        described = replace(described, world=replace(described.world, playback=PlaybackFile(str(recording.resolve()))))
+        described = described.playing(recording)
     playback = load_playback(described)
     if playback is None:
         raise ConfigError(
@@ -90,19 +88,16 @@ def play(rig: str, firmware: Path | None, recording: Path | None, every_s: float
     if not as_json:
         click.echo(playback.described())
     progress = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty())
-    playing, begins_s = playback.described(), playback.begins_s
     if playback.motion:
-        played = follow_recording(
-            described, playing, playback.motion, begins_s=begins_s, firmware=firmware, progress=progress
-        )
+        played = follow_recording(described, firmware=firmware, progress=progress)
     else:
         moments_s = _moments_s(playback, every_s)
         played = play_back(
             described,
-            playing,
+            playback.described(),
             magnetometer.times_s,
             moments_s,
-            begins_s=begins_s,
+            begins_s=playback.begins_s,
             firmware=firmware,
             progress=progress,
         )

@@ -7,8 +7,10 @@ import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
@@ -18,7 +20,7 @@ from hiltest.judge.filters import HEADING, INIT, QUATERNION, UPDATE, HostFilter,
 from hiltest.judge.foreign_entries import ForeignCalibrator, ForeignFilter
 from hiltest.judge.host_calibrator import HostCalibrator
 from hiltest.judge.image_calibrator import CALIBRATE, CALIBRATE_PAIRS, ImageCalibrator
-from hiltest.judge.signature_table import read_signature_table
+from hiltest.judge.signature_table import ReadTable
 from hiltest.judge.worlds import RIG, World
 
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
@@ -47,7 +49,7 @@ class SourceCalibrator:
 
 
 @contextmanager
-def open_entry(named: str, function: str | None, part: str | None = None, table: Path | None = None) -> Iterator[Entry]:
+def open_entry(named: str, function: str | None, part: str | None = None) -> Iterator[Entry]:
     """Open an entry.
 
     Parameters
@@ -59,8 +61,6 @@ def open_entry(named: str, function: str | None, part: str | None = None, table:
         Function of a file; by default that of the contract.
     part
         Part of an image.
-    table
-        File of a `SignatureTable`; None if the functions are those of the contract.
 
     Raises
     ------
@@ -77,13 +77,7 @@ def open_entry(named: str, function: str | None, part: str | None = None, table:
         content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
         if file.suffix == ".py":
             raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
-        if table is not None:
-            image, built_by = _foreign_image(stack, file, content, table)
-            if image is not None:
-                yield ForeignCalibrator(named, image, table, built_by=built_by, part=part)
-            else:
-                yield stack.enter_context(HostCalibrator(named, file, str(table.resolve()), takes_pairs=True))
-        elif is_source(file):
+        if is_source(file):
             yield _open_source(stack, file, content, function, part)
         elif content[:4] != _ELF_MAGIC:
             raise ConfigError(
@@ -98,17 +92,25 @@ def open_entry(named: str, function: str | None, part: str | None = None, table:
             yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
 
 
-def _foreign_image(stack: ExitStack, file: Path, content: bytes, table: Path) -> tuple[Path | None, str]:
-    """Return the image with the functions of a table, and its compiler; None for a library of the host."""
-    read, _ = read_signature_table(table)
-    if is_source(file):
-        for name in read.functions:
-            if name.encode() not in content:
-                raise ConfigError(f"{table}: no function {name} in {file}; correct its call")
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
-        build = build_image(file, read.functions, folder)
-        return build.file, build.built_by
-    return (file if int.from_bytes(content[18:20], "little") == _ARM or content[:4] != _ELF_MAGIC else None), ""
+@contextmanager
+def open_foreign(named: str, table: ReadTable, part: str | None = None) -> Iterator[Any]:
+    """Open the calibrator (`Entry`) or filter (`JudgedFilter`) of a table; the errors are those of `open_entry`."""
+    (read, source), file, built_by = table, Path(named), ""
+    content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    with ExitStack() as stack:
+        if is_source(file):
+            for name in read.functions:
+                if name.encode() not in content:
+                    raise ConfigError(f"{source.path}: no function {name} in {file}; correct its call")
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
+            build = build_image(file, read.functions, folder)
+            file, built_by = build.file, build.built_by
+        elif content[:4] == _ELF_MAGIC and int.from_bytes(content[18:20], "little") != _ARM:  # a library of the host
+            host: Any = HostFilter if read.is_filter else partial(HostCalibrator, takes_pairs=True)
+            yield stack.enter_context(host(named, file, str(source.path.resolve())))
+            return
+        foreign: Any = ForeignFilter if read.is_filter else partial(ForeignCalibrator, part=part)
+        yield foreign(named, file, table, built_by=built_by)
 
 
 def _open_source(
@@ -149,12 +151,13 @@ def _python_definition(file: Path, name: str, kind: type[ast.FunctionDef | ast.C
     return next((node for node in tree.body if isinstance(node, kind) and node.name == name), None)
 
 
-def is_filter(named: str, function: str | None, table: Path | None = None) -> bool:
-    """Return whether a file has a filter: by its table, a Python class, or the functions of the contract."""
-    if table is not None:
-        if _PYTHON.fullmatch(named) or named.endswith(".py"):
-            raise ConfigError(f"{named}: --signature is for C and C++; in Python, write a function of the contract")
-        return read_signature_table(table)[0].is_filter
+def is_python(named: str) -> bool:
+    """Return whether a file is Python, with the name of a function or without."""
+    return Path(named).suffix.partition(":")[0] == ".py"
+
+
+def is_filter(named: str, function: str | None) -> bool:
+    """Return whether a file has a filter: a Python class, or the functions of the contract."""
     if python := _PYTHON.fullmatch(named):
         return _python_definition(Path(python["file"]), python["function"], ast.ClassDef) is not None
     if function is not None:
@@ -164,7 +167,7 @@ def is_filter(named: str, function: str | None, table: Path | None = None) -> bo
 
 
 @contextmanager
-def open_filter(named: str, table: Path | None = None) -> Iterator[JudgedFilter]:
+def open_filter(named: str) -> Iterator[JudgedFilter]:
     """Open a filter; the errors are those of `open_entry`."""
     with ExitStack() as stack:
         if python := _PYTHON.fullmatch(named):
@@ -172,13 +175,7 @@ def open_filter(named: str, table: Path | None = None) -> Iterator[JudgedFilter]
             return
         file = Path(named)
         content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
-        if table is not None:
-            image, built_by = _foreign_image(stack, file, content, table)
-            if image is not None:
-                yield ForeignFilter(named, image, table, built_by=built_by)
-            else:
-                yield stack.enter_context(HostFilter(named, file, str(table.resolve())))
-        elif is_source(file):
+        if is_source(file):
             functions = [name for name in (UPDATE, INIT, QUATERNION, HEADING) if name.encode() in content]
             build = build_image(file, functions, Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-"))))
             yield ImageFilter(named, build.file, built_by=build.built_by)

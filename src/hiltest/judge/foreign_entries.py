@@ -12,7 +12,7 @@ from hiltest.judge.answers import Answer
 from hiltest.judge.filters import ImageFilter
 from hiltest.judge.foreign_calls import BoundCall, ForeignCalls
 from hiltest.judge.image_calibrator import TIMEOUT_S
-from hiltest.judge.signature_table import read_signature_table
+from hiltest.judge.signature_table import ReadTable
 from hiltest.judge.worlds import World
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4
 from hiltest.virtual.board.loading import load_running
@@ -54,7 +54,7 @@ class ForeignCalibrator:
     name, file, built_by, part
         As of an `ImageCalibrator`.
     table
-        File of the table.
+        The table, and its file.
 
     Raises
     ------
@@ -62,13 +62,13 @@ class ForeignCalibrator:
         If the table does not fit the image.
     """
 
-    def __init__(self, name: str, file: Path, table: Path, *, built_by: str = "", part: str | None = None) -> None:
+    def __init__(self, name: str, file: Path, table: ReadTable, *, built_by: str = "", part: str | None = None) -> None:
         image = load_image(file)
         self.name, self.built_by = name, built_by or image.compiler_flags
         self.flash_bytes: int | None = sum(len(segment.data) for segment in image.segments)
         profiled = ProfiledImage(file, part=part)
         self._machine = _CoreMachine(profiled.board, profiled)
-        self._calls = ForeignCalls(*read_signature_table(table), image, self._machine)
+        self._calls = ForeignCalls(*table, image, self._machine)
         self.cycle_model = ""
 
     def answer(self, world: World) -> Answer:
@@ -90,12 +90,11 @@ class ForeignCalibrator:
 class ForeignFilter(ImageFilter):
     """A filter of an image, as a table describes it."""
 
-    def __init__(self, name: str, file: Path, table: Path, *, built_by: str = "") -> None:
-        read, source = read_signature_table(table)
-        self._update = read.functions[0]
+    def __init__(self, name: str, file: Path, table: ReadTable, *, built_by: str = "") -> None:
+        self._update = table[0].functions[0]
         super().__init__(name, file, built_by=built_by)
         self._machine = _CoreMachine(self._board)
-        self._calls = ForeignCalls(read, source, self._board.image, self._machine)
+        self._calls = ForeignCalls(*table, self._board.image, self._machine)
 
     def _check(self, symbols: Iterable[str]) -> None:
         if self._update not in symbols:

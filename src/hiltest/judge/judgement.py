@@ -43,6 +43,11 @@ class FamilyResult:
     refused_deg: float | None
     """Median rms heading error that refused calibrations would have had [deg]; None if there were none."""
 
+    @property
+    def unanswered(self) -> int:
+        """Number of worlds without an accepted answer."""
+        return self.refused + self.no_ellipsoid
+
 
 @dataclass(frozen=True, slots=True)
 class Cost:
@@ -80,9 +85,14 @@ class EntryResult:
 
     @property
     def rank_error(self) -> float:
-        """Larger error of the two default clouds as a multiple of the bound; infinite without an accepted answer."""
-        errors = [self.family(cloud).rms for cloud in DEFAULT_CLOUDS]
-        return max(math.inf if error is None else error.value for error in errors)
+        """Larger error of the two default clouds as a multiple of the bound, by which entries are ranked.
+
+        It is infinite if more than half of the worlds of one of them have no accepted answer.
+        """
+        clouds = map(self.family, DEFAULT_CLOUDS)
+        return max(
+            cloud.rms.value if cloud.rms and 2 * cloud.unanswered <= cloud.worlds else math.inf for cloud in clouds
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,8 +242,7 @@ def compare(judged: Judged, against: Judged) -> Comparison:
     new, old = judged.result, against.result
     can_rank = ranks_with(new, old) and new.cost.cycles and old.cost.cycles
     cycles = (new.cost.cycles or 0) / (old.cost.cycles or 1) if can_rank else None
-    unusable = [entry.family(ALL).refused + entry.family(ALL).no_ellipsoid for entry in (new, old)]
-    return Comparison(error, families, cycles, unusable[0] - unusable[1])
+    return Comparison(error, families, cycles, new.family(ALL).unanswered - old.family(ALL).unanswered)
 
 
 def _median_ratio(logs: Sequence[float], confidence: float) -> Estimate:

@@ -208,6 +208,10 @@ class SignatureTable:
         return _FRAMES[self.frame].to_body
 
 
+ReadTable: TypeAlias = tuple[SignatureTable, TomlSource]
+"""A table, and the file that it was read from."""
+
+
 def _parse_call(text: str) -> Call | None:
     """Return a call; None if the text is none."""
     match = _CALL.fullmatch(text)
@@ -228,7 +232,7 @@ def _parse_argument(word: str) -> Argument | None:
     return None
 
 
-def read_signature_table(file: Path) -> tuple[SignatureTable, TomlSource]:
+def read_signature_table(file: Path) -> ReadTable:
     """Read a table.
 
     Raises

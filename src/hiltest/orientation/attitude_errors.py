@@ -132,16 +132,21 @@ def score_estimator(
     return {name: score for name, score in scores.items() if score is not None}
 
 
-def phases(recording: MotionRecording) -> Mapping[str, NDArray[np.bool_]]:
+def phases(recording: MotionRecording, starts_s: float = 0.0) -> Mapping[str, NDArray[np.bool_]]:
     """Return masks, shape (n,), of the phases of a recording by name.
 
-    ``motion`` is the motion phase that the recording declares, ``first seconds`` are the first five, and ``rest`` is
-    the time outside of both. Two are parts of the motion: in ``translation`` the acceleration differs from gravity by
-    more than a tenth of it, and in ``disturbed field`` the field differs from its median by more than a tenth of it.
-    Both are calculated with the true attitude and averaged over a tenth of a second.
+    ``motion`` is the motion phase that the recording declares, ``first seconds`` are the five after an estimator's
+    start, and ``rest`` is the time afterwards and outside of the motion. Two are parts of the motion: in
+    ``translation`` the acceleration differs from gravity by more than a tenth of it, and in ``disturbed field`` the
+    field differs from its median by more than a tenth of it. Both are calculated with the true attitude and averaged
+    over a tenth of a second.
+
+    Parameters
+    ----------
+    starts_s
+        Time of the estimator's start in the recording; rest and first seconds have no earlier samples.
     """
-    count = len(recording.movement)
-    first = np.arange(count) < _FIRST_S * recording.rate_hz
+    seconds = np.arange(len(recording.movement)) / recording.rate_hz - starts_s
     down = _to_earth(recording.truth, recording.gravity_g) - (0.0, 0.0, 1.0)
     field = _to_earth(recording.truth, recording.field_ut)
     visible = np.isfinite(field[:, 0])
@@ -151,8 +156,8 @@ def phases(recording: MotionRecording) -> Mapping[str, NDArray[np.bool_]]:
     disturbed = _smoothed_norm(field - median, window) > _DISTURBED * float(np.linalg.norm(median))
     return {
         "motion": recording.movement,
-        "first seconds": first,
-        "rest": ~recording.movement & ~first,
+        "first seconds": (seconds >= 0.0) & (seconds < _FIRST_S),
+        "rest": ~recording.movement & (seconds >= _FIRST_S),
         "translation": recording.movement & accelerated,
         "disturbed field": recording.movement & disturbed,
     }

@@ -15,6 +15,7 @@ from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import residual_percent
 from hiltest.errors import ConfigError
 from hiltest.interfaces.quantities import Quantity, values_of
+from hiltest.interfaces.sensor_files.recorded_motion import load_playback
 from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
 from hiltest.orientation import DegenerateFieldError
@@ -32,6 +33,8 @@ from hiltest.rig import COUNTS_PER_UT, Rig
 
 # Calibrators of hiltest's firmware; of other firmware with its protocol, those of them that it has, otherwise all.
 _OURS = ("direct", "corrected", "iterative")
+FILTER = "attitude filter"
+"""Name of the filter among attitudes."""
 # Number of new samples per heading of a moving board: 50 ms of the slowest magnetometer, 20 ms of the others.
 _READINGS = 4
 # Rest before a motion with true attitudes: the bias is taken from its first half, and the filter begins in the second.
@@ -92,6 +95,10 @@ class Played:
     attitudes: tuple[PlayedAttitude, ...] = ()
     """Errors of the filter of hiltest's firmware for a recording with true attitudes; the others are empty then."""
 
+    def filter_errors(self) -> dict[str, PlayedAttitude]:
+        """Return the errors of the filter by phase."""
+        return {row.phase: row for row in self.attitudes if row.name == FILTER}
+
 
 def play_back(
     rig: Rig,
@@ -149,19 +156,63 @@ def play_back(
     )
 
 
-def follow_recording(
-    rig: Rig, playing: str, motion: MotionRecording, *, begins_s: float, firmware: Path | None, progress: Progress
-) -> Played:
+def follow_recordings(rig: Rig, *, firmware: Path | None, base: int | None, progress: Progress) -> dict[str, Played]:
+    """Follow each of a rig's recorded motions on a board of its own.
+
+    Parameters
+    ----------
+    rig
+        Rig of a virtual board, with ``world.motion_recordings``.
+    firmware, base
+        Firmware of all boards, and the address of a raw binary.
+
+    Returns
+    -------
+    dict
+        Results by the name of the recording.
+
+    Raises
+    ------
+    ConfigError
+        If a file is no recording with true attitudes, or the filter cannot follow it.
+    """
+    return {
+        name: follow_recording(rig.playing(file), firmware=firmware, base=base, progress=progress)
+        for name, file in rig.motion_recordings().items()
+    }
+
+
+def follow_recording(rig: Rig, *, firmware: Path | None, base: int | None = None, progress: Progress) -> Played:
     """Play a rig's recording with true attitudes to hiltest's firmware, which follows it with its filter.
 
     The gyroscope's bias is taken from the rest before the motion. The recording is calibrated, so the board's
-    calibrations are units alone. Parameters as of `play_back`.
+    calibrations are units alone.
+
+    Parameters
+    ----------
+    rig
+        Rig of a virtual board, with a recording.
+    firmware, base
+        Firmware of the board, and the address of a raw binary.
+
+    Raises
+    ------
+    ConfigError
+        If the recording cannot be read, has no true attitudes, no rest before the motion, or is too long.
     """
+    playback = load_playback(rig)
+    assert playback is not None
+    motion = playback.motion
+    if motion is None:
+        raise ConfigError(
+            f"{playback.name} has no true attitudes; name a NumPy archive in the layout of BROAD, as docs/playback.md "
+            "describes it"
+        )
     bias_s = _bias_time_s(motion)
-    with open_board(rig, firmware=firmware) as board:
-        attitudes = _follow(board, motion, begins_s, bias_s, progress)
+    with open_board(rig, firmware=firmware, base=base) as board:
+        attitudes = _follow(board, motion, playback.begins_s, bias_s, progress)
         remarks = board.stage.said_of_playback if board.stage else []
-    return Played(__version__, playing, len(motion.movement), (), tuple(remarks), (), attitudes)
+    return Played(__version__, playback.described(), len(motion.movement), (), tuple(remarks), (), attitudes)
 
 
 def _listen(board: Board, end_s: float, moments_s: Reals, tell: Progress) -> tuple[PlayedRow, Belief]:
@@ -237,20 +288,19 @@ def _follow(
     slot = board.identity.slots - 1
     board.session.request(SetCalibration(slot, np.eye(3) / COUNTS_PER_UT, np.zeros(3)))
     board.sleep(max(0.0, begins_s - board.now_s()))
-    tell("the filter", 0, 1)
+    tell(f"the filter on {motion.name}", 0, 1)
     rest_gyroscope(board, seconds=bias_s, store=True)
     end_s = begins_s + len(motion.movement) / motion.rate_hz - _HELD_S
     summary, records = record_motion(board, lambda: end_s - board.now_s(), slot=slot, longest_s=end_s - board.now_s())
-    tell("the filter", 1, 1)
+    tell(f"the filter on {motion.name}", 1, 1)
     assert board.stage is not None
-    clock_s: Reals = 1e-6 * (summary.began_us + records.time_us).astype(np.float64)
-    times_s = clock_s + board.stage.firmware_clock_began_s - begins_s
+    starts_s = 1e-6 * summary.began_us + board.stage.firmware_clock_began_s - begins_s
+    times_s: Reals = starts_s + 1e-6 * records.time_us.astype(np.float64)
     truth = motion.truth_at(times_s)
     samples = np.minimum(np.rint(times_s * motion.rate_hz).astype(np.intp), len(motion.movement) - 1)
-    # The filter starts later than the recording, so the first seconds are not its own.
-    masks = {phase: mask[samples] for phase, mask in phases(motion).items() if phase != "first seconds"}
+    masks = {phase: mask[samples] for phase, mask in phases(motion, starts_s).items()}
     sources = {
-        "attitude filter": (records.fused, masks),
+        FILTER: (records.fused, masks),
         "accelerometer and magnetometer": (records.measured, {"motion": masks["motion"]}),
         "gyroscope": (records.turned, {"motion": masks["motion"]}),
     }

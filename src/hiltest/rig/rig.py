@@ -10,9 +10,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from dataclasses import field as dataclass_field
 from difflib import get_close_matches
+from glob import glob
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -23,6 +24,7 @@ from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.device import Device
 from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, Part, fitted_parts, scaled
+from hiltest.rig.recorded_motion import PlaybackFile
 from hiltest.rig.toml_tables import (
     STRICT,
     BoardPlace,
@@ -197,6 +199,30 @@ class Rig:
                 "which has no turntable and no known angle. hiltest play shows the results of firmware; hiltest log, "
                 "listen and serve also play it: see docs/playback.md"
             )
+
+    def playing(self, recording: Path) -> Rig:
+        """Return the rig of a virtual board with a recording in place of its world."""
+        assert self.world is not None
+        playback = PlaybackFile(str(recording.resolve()))
+        return replace(self, world=replace(self.world, playback=playback, current=None, passing=None, cable=None))
+
+    def motion_recordings(self) -> dict[str, Path]:
+        """Return the files of ``world.motion_recordings`` by name; empty if the rig has none.
+
+        Raises
+        ------
+        ConfigError
+            If there is no file of a name.
+        """
+        folder = self.path.parent
+        files: dict[str, Path] = {}
+        for name in (self.world and self.world.motion_recordings) or ():
+            matches = sorted(glob(name, root_dir=folder))
+            if not matches:
+                place = self.where("world", "motion_recordings")
+                raise ConfigError(f"{place}: world.motion_recordings: no file {name!r} in {folder}; correct its name")
+            files |= {match: folder / match for match in matches}
+        return files
 
     def limits_of(self, suite: Literal["gate", "full"]) -> dict[str, Limit]:
         """Return the limits that a set of tests must measure."""

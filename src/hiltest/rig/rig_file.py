@@ -127,15 +127,15 @@ class TomlSource:
     """A TOML file's path and text, which locates the line of a key."""
 
     def __init__(self, path: Path, text: str) -> None:
-        self._path = path
+        self.path = path
         self.lines = dict(reversed([*_keys_by_line(text)]))
 
     def where(self, key: tuple[str, ...]) -> str:
         """Return ``file:line`` of a key, of its table, or only the file."""
         for depth in range(len(key), 0, -1):
             if key[:depth] in self.lines:
-                return f"{self._path}:{self.lines[key[:depth]]}"
-        return str(self._path)
+                return f"{self.path}:{self.lines[key[:depth]]}"
+        return str(self.path)
 
     def validate(self, data: object, model: Any, prefix: tuple[str, ...] = ()) -> Any:
         """Return the data validated by pydantic, or raise the first mistake as a sentence."""

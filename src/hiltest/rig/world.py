@@ -84,6 +84,9 @@ class SimulatedWorld:
     """True if the soft iron intentionally mirrors the field; otherwise that is refused as a wrong sign."""
     playback: PlaybackFile | None = None
     """Recording that the parts measure instead of this world."""
+    motion_recordings: tuple[str, ...] | None = None
+    """Recordings of motion with true attitudes that the attitude filter follows in the full set of tests, each on a
+    board of its own: names relative to the rig's folder, with ``*`` for many."""
     current: CurrentTable | None = None
     passing: PassingTable | None = None
     cable: CableTable | None = None
@@ -95,6 +98,7 @@ class SimulatedWorld:
             "playback",
             f"has its own field: {', '.join(self.disturbances)} cannot disturb it",
         )
+        require(self.motion_recordings != (), "motion_recordings", "names no recording: leave it out")
         require(all(sigma >= 0.0 for sigma in self.mag3110_noise_ut), "mag3110_noise_ut", "must not be negative")
         require(all(sigma >= 0.0 for sigma in self.fxos8700cq_noise_ut), "fxos8700cq_noise_ut", "must not be negative")
         require(self.gyroscope_noise_mdps_per_rthz >= 0.0, "gyroscope_noise_mdps_per_rthz", "must not be negative")
