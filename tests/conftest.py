@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import pytest
 from hypothesis import settings
 
+from .debian_packages import packaged_file
+
 if TYPE_CHECKING:
     from .finished_run import Finished
 
@@ -241,6 +243,13 @@ def require_module() -> Callable[[str], None]:
             _missing(f"the package {name} is not installed")
 
     return check
+
+
+@pytest.fixture(scope="session")
+def micropython_hex(tmp_path_factory: pytest.TempPathFactory, require_tool: Callable[[str], str]) -> Path:
+    """Return MicroPython for the BBC micro:bit, from Debian's package."""
+    package, file = "firmware-microbit-micropython", "usr/share/firmware-microbit-micropython/firmware.hex"
+    return packaged_file(package, file, tmp_path_factory.mktemp("micropython"), require_tool)
 
 
 def _missing(reason: str) -> NoReturn:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import select
 import threading
+import time
 import tty
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -124,6 +126,75 @@ def test_a_heading_that_goes_on_moving_is_not_settled(far_end: Callable[..., Far
         settled = wait_until_settled(board, frame_of(rig))
     assert not settled.is_settled
     assert 1.0 <= settled.took_s < 1.25, "five windows of 0.2 s, although the line makes them a little longer"
+
+
+ASKED = """[device]
+kind = "text"
+start_s = 0.1
+window_s = 0.2
+settle_s = 1.0
+[device.text]
+patterns = ["^heading (?P<heading>.*)"]
+[device.text.commands]
+ask = "heading?\\n"
+"""
+
+
+class Prompt:
+    """A prompt at the other end of a line, which echoes each line and answers it; but not the first one.
+
+    Attributes
+    ----------
+    requests : list of float
+        Wall times at which a line has arrived [s].
+    """
+
+    def __init__(self) -> None:
+        self.master, slave = os.openpty()
+        tty.setraw(slave)
+        self.port, self._slave, self._ends = os.ttyname(slave), slave, False
+        self.requests: list[float] = []
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        received = b""
+        while not self._ends:
+            if not select.select([self.master], [], [], 0.02)[0]:
+                continue
+            received += os.read(self.master, 100)
+            *lines, received = received.split(b"\n")
+            for line in lines:
+                self.requests.append(time.monotonic())
+                os.write(self.master, b"> " + line + b"\n" + (b"heading 12.5\n" if len(self.requests) > 1 else b""))
+
+    def end(self) -> None:
+        self._ends = True
+        self._thread.join()
+        os.close(self.master)
+        os.close(self._slave)
+
+
+def test_firmware_that_answers_only_requests_is_asked_again_when_it_has_answered_or_a_window_later(
+    tmp_path: Path,
+) -> None:
+    begin, end = RIG.index("[device]"), RIG.index("[field]")
+    file, prompt = tmp_path / "desk.toml", Prompt()
+    file.write_text(f"{RIG[:begin]}{ASKED}{RIG[end:]}", encoding="utf-8")
+    try:
+        with open_board(load_rig(file), port=prompt.port) as board:
+            began, asked = board.now_s(), len(prompt.requests)
+            assert asked == 2
+            assert prompt.requests[1] - prompt.requests[0] > 0.15, "the first one is not answered in its window"
+            settled = wait_until_settled(board, frame_of(board.output.rig))
+            assert settled.heading_deg == 12.5
+            requests, duration_s = len(prompt.requests) - asked, board.now_s() - began
+            assert requests == pytest.approx(duration_s / 0.1, abs=2), "one for each reading"
+            quiet = len(prompt.requests)
+            board.sleep(0.3)
+            assert len(prompt.requests) == quiet
+    finally:
+        prompt.end()
 
 
 class ExactLine:

@@ -86,7 +86,7 @@ def test_the_buffer_is_what_its_cells_have_shown_last() -> None:
 
 def test_the_algorithm_is_asked_for_once_in_four_letters() -> None:
     interface = FsflkInterface(Release.V7, "Q9")
-    assert [interface.commands(moment) for moment in Moment] == [b"Q9  ", b"", b"", b""]
+    assert [interface.commands(moment) for moment in Moment] == [b"Q9  ", b"", b"", b"", b""]
     assert FsflkInterface(Release.V7).commands(Moment.START) == b""
 
 

@@ -166,6 +166,31 @@ def test_a_sequence_takes_the_cycles_of_the_manual_on_a_cortex_m0plus(
 @pytest.mark.parametrize(
     ("sequence", "expected"),
     [
+        ("ldr r4, [r1]\n ldr r5, [r2]", 4),
+        ("muls r4, r0\n nop", 2),
+        ("push {r4, r5}\n pop {r4, r5}", 6),
+        ("dmb", 4),
+        ("cmp r0, #1\n beq 1f\n 1:", 2),
+        ("cmp r0, #0\n beq 1f\n nop\n nop\n 1:", 4),
+        ("adr r5, 1f\n adds r5, #1\n bx r5\n nop\n 1:", 5),
+        ("adr r5, 1f\n adds r5, #1\n push {r4, r5}\n pop {r4, pc}\n 1:", 11),
+        ("mov r7, lr\n bl 1f\n b 2f\n 1: bx lr\n 2: mov lr, r7\n nop\n nop", 14),
+    ],
+)
+def test_a_sequence_takes_the_cycles_of_the_manual_on_the_cortex_m0_of_an_nrf51822(
+    linker: Linker, sequence: str, expected: int
+) -> None:
+    places = {"code": 0x100, "near": 0x20000000, "far": 0x20001000, "stack": 0x20004000}
+    whole, empty = (
+        cycles(linker.link(text, core=["-mcpu=cortex-m0"], **places), part="nrf51822").call("work").cycles
+        for text in (sequence, "nop\n nop")
+    )
+    assert whole - empty + 2 == expected
+
+
+@pytest.mark.parametrize(
+    ("sequence", "expected"),
+    [
         ("mul r4, r0, r0", 1),
         ("mla r4, r0, r0, r0", 2),
         ("mls r4, r0, r0, r0", 2),
@@ -296,6 +321,7 @@ DIGESTS = {
     "generic-m33/1": "c8a439973b407422",
     "generic-m4/1": "86be6a19a39fc5a3",
     "mk64f12/1": "5fb579178c51b1cf",
+    "nrf51822/1": "85bc06552308aab4",
     "nrf52840/1": "cafc99b742147595",
     "stm32f407/1": "198908d40860d1d6",
     "stm32g4/1": "7428b9c2dbe76c37",

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import BoardSnapshot
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cBus
 from hiltest.virtual.peripherals.pit import PeriodicTimers

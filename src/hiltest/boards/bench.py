@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,7 +20,9 @@ from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_parts, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
-from hiltest.virtual.board.k64f import BoardSnapshot, VirtualK64F
+from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
+from hiltest.virtual.board.virtual_machine import BoardSnapshot, VirtualMachine
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, SUFFIX, place_of
 from hiltest.virtual.peripherals.i2c_bus import HeldLine
 from hiltest.virtual.peripherals.rcm import ResetSource
@@ -90,7 +92,7 @@ def _timing_profile(rig: Rig) -> str:
     return named
 
 
-def _put_faults_on(machine: VirtualK64F, faults: Faults | None) -> None:
+def _put_faults_on(machine: VirtualMachine, faults: Faults | None) -> None:
     """Apply the faults that belong to the board and not to one of its sensors."""
     if faults and faults.held_line:
         held = faults.held_line
@@ -132,7 +134,7 @@ class VirtualBench:
 
     Attributes
     ----------
-    machine : VirtualK64F
+    machine : VirtualMachine
     execution : ExecutionWatch or None
         Record of the executed instructions.
     firmware : Path
@@ -174,18 +176,7 @@ class VirtualBench:
                 i2c[place.bus] += [parts[name], *parts[name].companions]
             else:
                 spi[place.bus][place.chip_select] = parts[name]
-        # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
-        self.machine = VirtualK64F(
-            load_image(self.firmware, base=base),
-            i2c0=i2c["i2c0"],
-            i2c1=i2c["i2c1"],
-            spi0=spi["spi0"],
-            spi1=spi["spi1"],
-            spi2=spi["spi2"],
-            profile=_timing_profile(rig),
-            strict=self.firmware == default_firmware(),
-            flash_file=flash_file,
-        )
+        self.machine = self._make_machine(i2c, spi, base=base, flash_file=flash_file)
         for uart in self.machine.uarts:
             uart.line_baud = rig.link.baud
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
@@ -203,8 +194,43 @@ class VirtualBench:
                 if pins:
                     self.machine.connect_interrupts(place.bus, device, pins)
 
+    def _make_machine(
+        self,
+        i2c: Mapping[str, Sequence[RegisterDevice | FaultyPart]],
+        spi: Mapping[str, Mapping[str, RegisterDevice | FaultyPart]],
+        *,
+        base: int | None,
+        flash_file: Path | None,
+    ) -> VirtualMachine:
+        """Make the board of the rig with its parts."""
+        rig = self.rig
+        if rig.board.machine == "microbit-v1":
+            if flash_file is not None:
+                raise ConfigError(f"{flash_file}: the virtual micro:bit stores no flash in a file; omit it")
+            strangers = [name for name, place in rig.parts.items() if place.bus != "i2c0"]
+            if strangers:
+                raise ConfigError(
+                    f"{rig.path}: {', '.join(strangers)}: the micro:bit has one bus, i2c0; leave the shield's parts "
+                    "out by world.fitted = []"
+                )
+            profile = _timing_profile(rig) if rig.board.timing else None
+            image = load_image(self.firmware, base=base, core="cortex-m0")
+            return VirtualMicrobit(image, i2c=i2c["i2c0"], profile=profile)
+        return VirtualK64F(
+            load_image(self.firmware, base=base),
+            i2c0=i2c["i2c0"],
+            i2c1=i2c["i2c1"],
+            spi0=spi["spi0"],
+            spi1=spi["spi1"],
+            spi2=spi["spi2"],
+            profile=_timing_profile(rig),
+            # All registers that the packaged firmware uses are modelled, so an access to any other is a bug.
+            strict=self.firmware == default_firmware(),
+            flash_file=flash_file,
+        )
+
     def snapshot(self) -> BenchSnapshot:
-        """Take a snapshot of the board and of the world with its table; see `VirtualK64F.snapshot`."""
+        """Take a snapshot of the board and of the world with its table; see `VirtualMachine.snapshot`."""
         return BenchSnapshot(self.machine.snapshot(), self._world.state())
 
     def restore(self, snapshot: BenchSnapshot) -> None:
@@ -336,6 +362,8 @@ class VirtualBench:
     @property
     def firmware_clock_began_s(self) -> float:
         """Virtual time at which the firmware's clock, channel 0 of the PIT, started: soon after power-on or reset."""
+        if not isinstance(self.machine, VirtualK64F):
+            raise ConfigError(f"{self.rig.path}: only firmware of the FRDM-K64F has hiltest's clock")
         return self.machine.timers.enabled_s(0)
 
     def attitude_at(self, board_us: int) -> Pose:

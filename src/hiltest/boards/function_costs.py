@@ -16,6 +16,7 @@ from hiltest.measurement import CycleRange
 from hiltest.rig import Rig
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.calls.call_watch import CallWatch
 from hiltest.virtual.calls.slice_recorder import RecordedSolution
 from hiltest.virtual.calls.solution_watch import EndsWhen, SolutionEnd, SolutionWatch
@@ -83,7 +84,7 @@ class FunctionCosts:
         When the firmware has no such function or variable; the message has file and line.
     """
 
-    def __init__(self, machine: VirtualK64F, rig: Rig) -> None:
+    def __init__(self, machine: VirtualMachine, rig: Rig) -> None:
         self._machine = machine
         variables = Variables(machine.image)
         self._buffer = _sample_buffer(variables, rig)
@@ -140,6 +141,8 @@ class FunctionCosts:
         _, solution = self._latest()
         if solution is None:
             return FlashCost(None, model, refusal="no solution was completed")
+        if not isinstance(self._machine, VirtualK64F):
+            return FlashCost(None, model, refusal="the waits of this board's memories are not modelled")
         try:
             counted = count_with_waits(self._machine, solution, profile)
         except (ConfigError, BoardFault) as error:
@@ -157,14 +160,14 @@ def _sample_buffer(variables: Variables, rig: Rig) -> SampleBuffer | None:
         raise ConfigError(f"{rig.where('device', 'memory', 'samples')}: device.memory.samples: {error}") from error
 
 
-def _watch(machine: VirtualK64F, variables: Variables, counted: CountedFunctions) -> CallWatch | SolutionWatch:
+def _watch(machine: VirtualMachine, variables: Variables, counted: CountedFunctions) -> CallWatch | SolutionWatch:
     if counted.ends is None:
         return machine.watch_calls(counted.functions)
     end = SolutionEnd(_word(machine, variables, counted.ends), EndsWhen(counted.ends_when), counted.ends_bytes)
     return machine.watch_solutions(counted.functions, end)
 
 
-def _word(machine: VirtualK64F, variables: Variables, ends: str) -> str | int:
+def _word(machine: VirtualMachine, variables: Variables, ends: str) -> str | int:
     """Return the address of a variable by its path, or a symbol and an offset as it is."""
     if "+" in ends or ends in machine.image.symbols:
         return ends

@@ -11,7 +11,7 @@ from typing import Self
 from hiltest.boards.gdb_session import GdbSession
 from hiltest.boards.served_lines import listen
 from hiltest.virtual.board.debugger import Debugger
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 _AT_A_LOOK = 1 << 16
 # Longest time that GDB may block a write before it is disconnected [s], because it holds the board meanwhile.
@@ -41,7 +41,7 @@ class GdbServer:
         When the address cannot be listened on.
     """
 
-    def __init__(self, machine: VirtualK64F, port: int, *, host: str = "127.0.0.1") -> None:
+    def __init__(self, machine: VirtualMachine, port: int, *, host: str = "127.0.0.1") -> None:
         self._machine = machine
         self._listener = listen(host, port)
         self.port: int = self._listener.getsockname()[1]

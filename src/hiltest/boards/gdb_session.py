@@ -9,7 +9,7 @@ from hiltest.boards.gdb_target import memory_description, target_description
 from hiltest.link.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, LONGEST, PacketReader, packet
 from hiltest.virtual.board.debug_access import DebugAccess
 from hiltest.virtual.board.debugger import Debugger, Stop, StopReason, WatchKind
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 _OK, _UNKNOWN, _REFUSED = b"OK", b"", b"E01"
 _SIGNALS = {StopReason.REQUESTED: 2, StopReason.FAULT: 11}  # SIGINT, SIGSEGV; else SIGTRAP
@@ -32,7 +32,7 @@ class GdbSession:
         Debugger of that machine, which is halted at once.
     """
 
-    def __init__(self, machine: VirtualK64F, debugger: Debugger) -> None:
+    def __init__(self, machine: VirtualMachine, debugger: Debugger) -> None:
         self.over = False
         self._machine, self._debugger = machine, debugger
         self._access = DebugAccess(machine)

@@ -14,7 +14,7 @@ from hiltest.interfaces.variables import Variables, function_address
 from hiltest.rig import Rig
 from hiltest.rig.memory_device import MemoryDevice
 from hiltest.virtual.board.debugger import Debugger
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.program.elf import FirmwareImage
 
 _RAM = range(0x1C00_0000, 0x4000_0000)
@@ -38,7 +38,7 @@ class BoardWire:
 
     name = "of the virtual board"
 
-    def __init__(self, machine: VirtualK64F) -> None:
+    def __init__(self, machine: VirtualMachine) -> None:
         self._machine = machine
         self._session = GdbSession(machine, Debugger(machine, on_stop=_leave))
         machine.debugged = False  # a fault is reported as the firmware's, as without a debugger
@@ -77,7 +77,7 @@ def _leave() -> NoReturn:
     raise _Halted
 
 
-def memory_kind(image: FirmwareImage | None, machine: VirtualK64F | None) -> Callable[[Rig], MemoryInterface]:
+def memory_kind(image: FirmwareImage | None, machine: VirtualMachine | None) -> Callable[[Rig], MemoryInterface]:
     """Return a function that opens the interface of kind ``memory`` of a rig; see `open_memory` for the arguments."""
 
     def opened(rig: Rig) -> MemoryInterface:
@@ -92,7 +92,9 @@ def memory_kind(image: FirmwareImage | None, machine: VirtualK64F | None) -> Cal
     return opened
 
 
-def open_memory(rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: VirtualK64F | None) -> MemoryInterface:
+def open_memory(
+    rig: Rig, device: MemoryDevice, image: FirmwareImage, machine: VirtualMachine | None
+) -> MemoryInterface:
     """Connect to a board's memory, and find the variables that a rig names.
 
     Parameters
@@ -153,7 +155,7 @@ def refuse_other_firmware(client: GdbClient, image: FirmwareImage) -> None:
                 )
 
 
-def _wire(rig: Rig, device: MemoryDevice, machine: VirtualK64F | None) -> Wire:
+def _wire(rig: Rig, device: MemoryDevice, machine: VirtualMachine | None) -> Wire:
     place = _place(rig, "device", "memory", "server")
     if machine is not None:
         if device.server is not None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 
-def seen_memory_use(machine: VirtualK64F, calls: Mapping[str, tuple[str, int | None]]) -> dict[str, int | str]:
+def seen_memory_use(machine: VirtualMachine, calls: Mapping[str, tuple[str, int | None]]) -> dict[str, int | str]:
     """Return each memory use [byte], or the reason why it is unknown.
 
     Parameters

@@ -33,7 +33,7 @@ from hiltest.rig import Rig
 from hiltest.rig.device import Device
 from hiltest.tape.tape import LIVE, Tape
 from hiltest.text import is_text, join_words, legible
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.program.elf import FirmwareImage
 
 # Duration of one read, and the period at which variables are read from memory.
@@ -107,6 +107,8 @@ class OutputInterface:
         self._read_at_s: dict[str, float] = {}
         self._input = LineInput()
         self._heard_at_s = -math.inf
+        self._asked_at_s = -math.inf
+        self._is_answered = True
         self._first = b""
         try:
             self._begin()
@@ -117,7 +119,7 @@ class OutputInterface:
 
     def _begin(self) -> None:
         """Wait for the firmware's first output, and send the commands for its start."""
-        self.observe(self.device.start_s)
+        self.observe(self.device.start_s, asks=False)
         self.send(Moment.START)
         began_s = self.now_s()
         while not any(observation.values for observation in self.observe(_SLICE_S)):
@@ -166,8 +168,13 @@ class OutputInterface:
             + f". Check the firmware and the baud rate {self.rig.link.baud}; hiltest listen shows its output"
         )
 
-    def observe(self, seconds: float) -> list[Observation]:
+    def observe(self, seconds: float, *, asks: bool = True) -> list[Observation]:
         """Listen for a time of the board's clock [s]; return the observations.
+
+        Parameters
+        ----------
+        asks
+            True to ask for values, if the firmware reports them only on request.
 
         Raises
         ------
@@ -179,6 +186,8 @@ class OutputInterface:
         end_s = self.now_s() + seconds
         heard: list[Observation] = []
         while (left_s := end_s - self.now_s()) > 1e-9:
+            if asks:
+                self._ask()
             data = self._read(min(_SLICE_S, left_s))
             now_s = self.now_s()
             for kind, decoder in self.decoders.items():
@@ -188,10 +197,18 @@ class OutputInterface:
                 else:
                     observations = [decoder.read(now_s)] if self._is_due(kind, now_s) else ()
                 heard += (self._use_as_source(kind, observation) for observation in observations)
+                self._is_answered |= any(observation.values for observation in observations)
         for observation in heard:
             self.latest.update(observation.values)
         self.errors.update(observation.error for observation in heard if observation.error)
         return heard
+
+    def _ask(self) -> None:
+        """Ask for values, unless an earlier request may still be answered."""
+        now_s = self.now_s()
+        if self._is_answered or now_s >= self._asked_at_s + self.device.window_s:
+            self._asked_at_s, self._is_answered = now_s, False
+            self.send(Moment.ASK)
 
     def _is_due(self, kind: str, now_s: float) -> bool:
         """Return whether to read now: a decoder with the heading in every slice, the others once a window."""
@@ -212,7 +229,7 @@ class OutputInterface:
 
     def sleep(self, seconds: float) -> None:
         """Wait, by the board's clock [s], and drop the firmware's output."""
-        self.observe(seconds)
+        self.observe(seconds, asks=False)
 
     def remarks(self) -> tuple[str, ...]:
         """Return remarks on the interpretation of the firmware's output; empty without any."""
@@ -274,7 +291,7 @@ def open_output(
     open_line: Callable[[], SerialPort],
     *,
     image: FirmwareImage | None,
-    machine: VirtualK64F | None = None,
+    machine: VirtualMachine | None = None,
     transcript: Transcript | None = None,
     tape: Tape = LIVE,
 ) -> OutputInterface:

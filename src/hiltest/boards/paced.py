@@ -18,8 +18,8 @@ from hiltest.boards.served_lines import PortLine
 from hiltest.errors import BenchError, BoardFault
 from hiltest.interfaces.line_input import LineInput
 from hiltest.orientation.angles import Pose
-from hiltest.virtual.board.k64f import VirtualK64F
-from hiltest.virtual.peripherals.uart import Uart
+from hiltest.virtual.board.machine_chip import SerialLine
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 # Period at which the board is run [s]: no longer than a reply of 20 bytes takes on the line.
 _STEP_S = 0.002
@@ -65,7 +65,7 @@ class SerialPortOfBoard:
         Count of the bytes that the board has sent.
     """
 
-    def __init__(self, machine: VirtualK64F, uart: Uart | None = None) -> None:
+    def __init__(self, machine: VirtualMachine, uart: SerialLine | None = None) -> None:
         self._machine = machine
         self._uart = uart or machine.uart0
         self.input = LineInput()

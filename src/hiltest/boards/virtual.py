@@ -82,7 +82,7 @@ class _CallCounter:
 
 
 class VirtualBoard(Board):
-    """A virtual FRDM-K64F behind its serial port, in stepped time.
+    """A virtual board behind its serial port, in stepped time.
 
     Parameters
     ----------
@@ -117,7 +117,9 @@ class VirtualBoard(Board):
         self.elf_build_id = image.build_id
         opening = self._open_protocol if bench.rig.answers_requests else self._open_output
         super().__init__(
-            opening(declared, transcript, tape), description=f"virtual FRDM-K64F, seed {bench.seed}", declared=declared
+            opening(declared, transcript, tape),
+            description=f"virtual {bench.machine.title}, seed {bench.seed}",
+            declared=declared,
         )
         if self.answers_requests:
             try:

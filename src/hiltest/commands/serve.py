@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from hiltest.boards.bench import VirtualBench
     from hiltest.boards.paced import PacedBench
     from hiltest.boards.served_lines import PortLine
-    from hiltest.virtual.peripherals.uart import Uart
+    from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 _EXIT_CODES = """
 \b
@@ -177,7 +177,8 @@ def serve(
         urls = _link_ports(stack, lines, link)
         further = stack.enter_context(opened_ports(asked_for, host))
         model = machine.processor.profile.name
-        table = GrblTable(TableAxes(bench), about=f"virtual FRDM-K64F {model}", reset=machine.reset)
+        about = f"virtual {machine.title.replace(' ', '-')} {model}"
+        table = GrblTable(TableAxes(bench), about=about, reset=machine.reset)
         machine.boot()  # before GDB can connect
         debugger = None if gdb is None else GdbServer(machine, gdb, host=host)
         held = None if no_wait else lambda: debugger is None or not debugger.connected
@@ -209,7 +210,7 @@ def serve(
             waits = ", in reset until a program opens a port" if held else ""
             _tell(f"serving {bench.firmware.name} in {bench.rig.name}, cycle model {model}{waits}; Ctrl-C ends it")
             served = dict(zip(("board", "turntable"), lines, strict=True))
-            _watch(paced, served | {port.name: line for port, line, _ in further}, ending, bench.machine.uart0)
+            _watch(paced, machine, served | {port.name: line for port, line, _ in further}, ending)
     _sum_up(paced, bench)
     if paced.fault is not None:
         raise paced.fault
@@ -343,15 +344,15 @@ def _wait_for_start(paced: PacedBench, ending: list[int]) -> bool:
     return paced.running and not ending
 
 
-def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int], uart: Uart) -> None:
+def _watch(paced: PacedBench, machine: VirtualMachine, lines: dict[str, PortLine], ending: list[int]) -> None:
     """Report changes until a signal comes or the board ends."""
     connected: dict[str, bool] = dict.fromkeys(lines, False)
     reported_lost: dict[str, int] = dict.fromkeys(lines, 0)
-    pace = _pace()
+    pace, rows = _pace(), machine.display_rows()
     wrong_speed = reported_speed = ""
     while not ending:
         time.sleep(_LOOK_EVERY_S)
-        before, wrong_speed = wrong_speed, uart.wrong_speed
+        before, wrong_speed = wrong_speed, machine.uart0.wrong_speed
         if wrong_speed and wrong_speed == before != reported_speed:  # start-up code may just be setting the speed
             reported_speed = wrong_speed
             _tell(f"board: {wrong_speed}")
@@ -362,6 +363,9 @@ def _watch(paced: PacedBench, lines: dict[str, PortLine], ending: list[int], uar
             if line.queue.lost > reported_lost[name]:
                 _tell(f"{name}: {line.queue.lost - reported_lost[name]} bytes from a client were lost")
                 reported_lost[name] = line.queue.lost
+        if machine.display_rows() != rows:
+            rows = machine.display_rows()
+            _tell(f"display: {' '.join(rows)}")
         pace(paced.behind_s)
         if not paced.running:
             if paced.fault is None and not paced.over:

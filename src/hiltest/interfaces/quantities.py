@@ -67,6 +67,7 @@ class Moment(StrEnum):
     BEFORE_TUMBLE = "before_tumble"
     AFTER_TUMBLE = "after_tumble"
     POSE = "pose"
+    ASK = "ask"
 
 
 @dataclass(frozen=True, slots=True)

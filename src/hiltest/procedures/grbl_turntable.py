@@ -45,7 +45,7 @@ _BETWEEN_MOVES_S = 0.1
 # planner holds the 14 moves between them.
 _SWAY_HEADINGS_DEG = (0.0, 45.0, 90.0, 135.0, 180.0, 135.0, 90.0, 45.0, 0.0, -45.0, -90.0, -135.0, -90.0, -45.0, 0.0)
 _SWAY_TILTS_DEG = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0), (-20.0, 0.0), (0.0, -20.0))
-_BOARD = re.compile(r"\[VER:[^:]*:virtual FRDM-K64F (\S+)\]")
+_BOARD = re.compile(r"\[VER:[^:]*:virtual \S+ (\S+)\]")
 
 
 class GrblTurntable:

@@ -223,7 +223,7 @@ def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Pro
     for _ in range(device.tumbles):
         end_s = board.now_s() + turntable.tumble(device.tumble_s)
         while (left_s := end_s - board.now_s()) > 1e-9:
-            observations = output.observe(min(_LOOK_S, left_s))
+            observations = output.observe(min(_LOOK_S, left_s), asks=False)
             heard += observations
             if after_s is None and is_calibrated(observations):
                 after_s = board.now_s() - began_s
@@ -233,7 +233,8 @@ def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Pro
     faults = sample_faults(board, heard, is_moving=True) if after_s is None and must_say else None
     output.send(Moment.AFTER_TUMBLE)
     turntable.rest()
-    observations = output.observe(max(device.converge_s, device.window_s))
+    observations = output.observe(max(device.converge_s - device.window_s, 0.0), asks=False)
+    observations += output.observe(device.window_s)
     if after_s is None and is_calibrated(observations):
         after_s = board.now_s() - began_s
     raw_ut = [frame_of(output.rig).raw_field(value) for value in values_of(heard, Quantity.MAGNETOMETER)]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from hiltest.errors import nearest_hint
 from hiltest.measurement.sensor_registers import GROUP
-from hiltest.rig.toml_tables import SensorPart, Triple, require
+from hiltest.rig.toml_tables import Axes, SensorPart, Triple, require
 
 if TYPE_CHECKING:
     from hiltest.rig.world import SimulatedWorld
@@ -55,6 +55,8 @@ class Part:
     """Interrupt pins that the part has."""
     companion_addresses: tuple[int, ...] = ()
     """7-bit addresses of the further devices in its package."""
+    axes: Axes | None = None
+    """Axes of the part along x, y and z of the board, if a rig may change them."""
 
     @property
     def number(self) -> int:
@@ -71,6 +73,7 @@ def _mag3110(world: World, truth: SimulatedWorld, seed: int, part: Part) -> Regi
         MagneticDistortion(truth.soft_iron, truth.hard_iron_ut),
         seed=seed,
         address=part.address,
+        axes=part.axes,
         noise_ut=truth.mag3110_noise_ut,
         drift=_drift(gain_percent=truth.drift.mag3110_gain_percent_per_degc),
     )
@@ -133,6 +136,7 @@ PARTS: Mapping[str, Part] = {
         magnetometer_noise_ut=lambda truth: truth.mag3110_noise_ut[0],
         kinds=("MAG3110",),
         pins=("INT1",),
+        axes=("-y", "-x", "z"),
     ),
     "fxos8700cq": _FXOS8700CQ,
     "fxas21002c": Part("i2c1", 0x20, _fxas21002c, {"gyroscope": "FXAS21002C"}, {"INT1": "PTA2"}, kinds=("FXAS21002C",)),
@@ -149,6 +153,7 @@ PARTS: Mapping[str, Part] = {
 MODELS: Mapping[str, str] = {
     "bmm150": "hiltest.world.sensors.bmm150:Bmm150",
     "icm20948": "hiltest.world.sensors.icm20948:Icm20948",
+    "mma8653": "hiltest.world.sensors.mma8653:Mma8653",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
     "lsm303agr": "hiltest.world.sensors.lsm303agr_a:Lsm303agrA",
     "lsm6ds3trc": "hiltest.world.sensors.lsm6ds3trc:Lsm6ds3trc",
@@ -219,6 +224,8 @@ def _described(entry: SensorPart, key: str) -> Part:
     if entry.part in PARTS:
         part = PARTS[entry.part]
         strangers = [name for name in _OF_MODELS if getattr(entry, name) is not None]
+        if part.axes is not None and entry.axes is not None:
+            part, strangers = replace(part, axes=entry.axes), [name for name in strangers if name != "axes"]
         require(not strangers, f"{key}.{(*strangers, '')[0]}", f"is a key of [world] for {entry.part}")
         require(entry.chip_select is None, f"{key}.bus", f"{entry.part} has a model for I2C only")
         return replace(

@@ -339,6 +339,7 @@ def build_world(rig: Rig) -> World:
     ValueError
         If the rig has no simulated world.
     """
+    from hiltest.orientation.angles import Pose
     from hiltest.world import Temperature, World
     from hiltest.world.disturbances import Disturbances
     from hiltest.world.spiral import Cap
@@ -352,6 +353,7 @@ def build_world(rig: Rig) -> World:
         mounting_yaw_deg=_true_yaw_deg(rig, world),
         temperature=temperature,
         covered=Cap(covered.axis, covered.fraction) if covered else None,
+        tumble_poses=[Pose(*angles) for angles in rig.turntable.tumble_poses_deg or ()],
         disturbances=Disturbances(
             current=world.current.make_disturbance() if world.current else None,
             passing=world.passing.make_disturbance() if world.passing else None,

@@ -51,6 +51,8 @@ class TextCommands:
     before_tumble: str = ""
     after_tumble: str = ""
     pose: str = ""
+    ask: str = ""
+    """Request for the next values, sent when the last one is answered, or a window after it without an answer."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -75,6 +75,8 @@ class BoardPlace:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real"]
+    machine: Literal["frdm-k64f", "microbit-v1"] | None = None
+    """Board that a virtual one imitates; None is ``frdm-k64f``."""
     port: str | None = None
     cycle_model: str | None = None
     """Cycle model of a board on a port: ``silicon-dwt``, or the timing profile of a virtual board that is served there.
@@ -87,6 +89,7 @@ class BoardPlace:
     the package. None is hiltest's own."""
 
     def __post_init__(self) -> None:
+        require(self.kind == "virtual" or self.machine is None, "machine", 'belongs to a board of kind "virtual"')
         require(self.kind == "virtual" or self.timing is None, "timing", 'belongs to a board of kind "virtual"')
         require(self.kind == "virtual" or self.firmware is None, "firmware", 'belongs to a board of kind "virtual"')
         require(self.kind == "real" or self.port is None, "port", 'belongs to a board of kind "real"')
@@ -294,6 +297,9 @@ class TurntableSettings:
     """Device or pyserial URL of a motor table with Grbl."""
     covered: CoveredPart | None = None
     """Part of the sphere for a simulated tumble; None for the whole sphere."""
+    tumble_poses_deg: tuple[Triple, ...] | None = None
+    """Poses of the table (heading, pitch, roll) that a simulated tumble visits in equal times, instead of the sphere:
+    the motion that the firmware asks for."""
 
     def __post_init__(self) -> None:
         require(self.uncertainty_deg >= 0.0, "uncertainty_deg", "must not be negative")
@@ -308,6 +314,12 @@ class TurntableSettings:
             "covered",
             'requires a turntable of kind "simulated"',
         )
+        require(
+            self.tumble_poses_deg is None or (self.kind == "simulated" and self.covered is None),
+            "tumble_poses_deg",
+            'requires a turntable of kind "simulated" without covered',
+        )
+        require(self.tumble_poses_deg is None or len(self.tumble_poses_deg) > 1, "tumble_poses_deg", "needs two poses")
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,6 +96,27 @@ class Brake:
 
 
 @dataclass(frozen=True, slots=True)
+class PoseTour:
+    """A tumble through given poses: the table stands at each for half of its time, then turns to the next."""
+
+    start_s: float
+    end_s: float
+    poses: tuple[Pose, ...]
+
+    def angles(self, time_s: float) -> tuple[Pose, Vector]:
+        """Return pose and angle rates; at the last pose it stands still."""
+        share_s = (self.end_s - self.start_s) / len(self.poses)
+        index = min(int((time_s - self.start_s) / share_s), len(self.poses) - 1)
+        pose, leaves_s = self.poses[index], self.start_s + (index + 0.5) * share_s
+        if index + 1 == len(self.poses) or time_s < leaves_s:
+            return pose, (0.0, 0.0, 0.0)
+        after = self.poses[index + 1]
+        travel = wrap_180(after.heading_deg - pose.heading_deg), after.pitch_deg - pose.pitch_deg
+        turn = Turn(leaves_s, leaves_s + share_s / 2.0, pose, (*travel, wrap_180(after.roll_deg - pose.roll_deg)))
+        return turn.angles(time_s)
+
+
+@dataclass(frozen=True, slots=True)
 class TumbleMotion:
     """A rotation in which the board sees the field from all sides.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hiltest.orientation.angles import Pose, rotation_rows, wrap_180
@@ -14,6 +15,7 @@ from hiltest.world.earth_field import GRAVITY_NED_G, EarthField, Vector, apply_r
 from hiltest.world.motion import (
     MOVE_GRID_S,
     MotionSegment,
+    PoseTour,
     TumbleMotion,
     Turn,
     body_rate_dps,
@@ -65,6 +67,8 @@ class World(Restorable):
         Pose of the table at power-on.
     covered
         Part of the sphere that a tumble covers; by default all of it.
+    tumble_poses
+        Poses that a tumble visits instead; by default none.
     disturbances
         Changes of the field of the earth and of the body's iron over time.
 
@@ -89,12 +93,14 @@ class World(Restorable):
         temperature: Temperature = Temperature(),  # noqa: B008 - frozen, so it may be shared
         pose: Pose = Pose(0.0),  # noqa: B008
         covered: Cap | None = None,
+        tumble_poses: Sequence[Pose] = (),
         disturbances: Disturbances | None = None,
     ) -> None:
         self.field = field
         self.disturbances = disturbances
         self.playback: Playback | None = None
         self._covered = covered
+        self._tumble_poses = tuple(tumble_poses)
         self.mounting_yaw_deg = mounting_yaw_deg
         self._temperature = temperature
         self._field_ned_ut = field.ned_ut
@@ -247,6 +253,8 @@ class World(Restorable):
         return self._epochs[bisect_right(self._epoch_starts, time_s + 1e-9) - 1]
 
     def _tumble(self, start_s: float, end_s: float) -> MotionSegment:
+        if self._tumble_poses:
+            return PoseTour(start_s, end_s, self._tumble_poses)
         if self._covered is None:
             return TumbleMotion(start_s, end_s)
         return Spiral(start_s, end_s, self._covered, self.field, self.mounting_yaw_deg)

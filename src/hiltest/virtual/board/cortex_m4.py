@@ -11,9 +11,9 @@ from typing import Literal
 from hiltest.errors import BoardFault, ConfigError, place_of
 from hiltest.virtual.board.bare_part import BarePart
 from hiltest.virtual.board.loading import initial_stack, load_running, load_segments, vectors
+from hiltest.virtual.board.machine_chip import MachineChip
 from hiltest.virtual.board.memory_map import memory_map
 from hiltest.virtual.board.memory_use import memory_use
-from hiltest.virtual.board.microcontroller import Microcontroller
 from hiltest.virtual.calls.call_clock import CALL_HZ, check_clock
 from hiltest.virtual.calls.call_watch import CallWatch
 from hiltest.virtual.calls.calling import CallResult, call_function, find_function
@@ -59,6 +59,8 @@ class VirtualCortexM4:
         its beginning ("ram").
     part
         Connects the peripherals around the processor.
+    core
+        Name of the core, of `CORES`.
 
     Raises
     ------
@@ -73,14 +75,15 @@ class VirtualCortexM4:
         profile: str | TimingProfile = DEFAULT_PROFILE,
         memory: str | MemoryMap | None = None,
         stack: Literal["image", "ram"] = "ram",
-        part: Callable[[Processor], BarePart | Microcontroller] = BarePart,
+        part: Callable[[Processor], BarePart | MachineChip] = BarePart,
+        core: str = "cortex-m4",
     ) -> None:
-        self.image = open_image(elf)
+        self.image = open_image(elf, core=core)
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
         if priced.memory and priced.waiting is None and self.memory != MK64FN1M0:
             raise ConfigError(f"{priced.name} prices the K64F's memories, not {self.memory}; use {DEFAULT_PROFILE}")
-        self.processor = Processor(self.image, priced, memories=self.memory)
+        self.processor = Processor(self.image, priced, memories=self.memory, baseline=core == "cortex-m0")
         self._stack = stack
         self._part = part(self.processor)
         self._booted = False

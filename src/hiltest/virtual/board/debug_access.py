@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.part.chip import is_in
 from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 from hiltest.virtual.processor.registers import RegisterGroup
@@ -32,7 +32,7 @@ class DebugAccess:
         Must be halted during every access.
     """
 
-    def __init__(self, machine: VirtualK64F) -> None:
+    def __init__(self, machine: VirtualMachine) -> None:
         self._machine, self._processor = machine, machine.processor
         core_machine = self._processor.machine
         self._groups = [RegisterGroup(core_machine, [name.upper()]) for name in (*CORE_NAMES, *SYSTEM_NAMES)]
@@ -95,7 +95,7 @@ class DebugAccess:
         ValueError
             If the address has no memory and no peripheral.
         """
-        if not is_in(_DEVICES, address):
+        if not self._is_device(address):
             return self._processor.memory.read(address, size)
         read = b""
         while len(read) < size:
@@ -112,7 +112,7 @@ class DebugAccess:
         ValueError
             If the address has no memory and no peripheral.
         """
-        if not is_in(_DEVICES, address):
+        if not self._is_device(address):
             self._processor.memory.write(address, data)
             return
         while data:
@@ -120,6 +120,9 @@ class DebugAccess:
             with self._machine.pause_unmodelled():
                 self._machine.bus.write(address, width, int.from_bytes(data[:width], "little"))
             address, data = address + width, data[width:]
+
+    def _is_device(self, address: int) -> bool:
+        return is_in(_DEVICES, address) or self._machine.bus.has(address)
 
     def _access(self, address: int, size: int) -> int:
         """Return the bytes of a peripheral that one access covers."""

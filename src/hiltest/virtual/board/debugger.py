@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.virtual.board.k64f import VirtualK64F
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.core.machine import NEVER
 from hiltest.virtual.processor.schedule import Event
@@ -82,7 +82,7 @@ class Debugger:
         The last halt.
     """
 
-    def __init__(self, machine: VirtualK64F, *, on_stop: Callable[[], None]) -> None:
+    def __init__(self, machine: VirtualMachine, *, on_stop: Callable[[], None]) -> None:
         self.latest = Stop(StopReason.REQUESTED)
         self._machine, self._processor = machine, machine.processor
         self._on_stop = on_stop

@@ -2,56 +2,33 @@
 
 from __future__ import annotations
 
-import math
-import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
-from hiltest.errors import ConfigError, SnapshotError
-from hiltest.state import HasState
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, open_image
-from hiltest.virtual.board.frdm_k64f import BoardEvent, LedsAndButtons
-from hiltest.virtual.board.interrupt_wires import InterruptSource, InterruptWires
-from hiltest.virtual.board.loading import load_segments, vectors
+from hiltest.virtual.board.frdm_k64f import LedsAndButtons
 from hiltest.virtual.board.memory_map import memory_map
 from hiltest.virtual.board.microcontroller import Microcontroller
-from hiltest.virtual.core.machine import Snapshot
+from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.part.part_file import Part
-from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cDevice
+from hiltest.virtual.peripherals.i2c_bus import I2cDevice
 from hiltest.virtual.peripherals.pit import PeriodicTimers
-from hiltest.virtual.peripherals.rcm import ResetRequested, ResetSource
 from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.peripherals.spi_bus import SpiDevice
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.wdog import Watchdog
-from hiltest.virtual.processor.clock import PICOSECONDS
 from hiltest.virtual.processor.cpu import Processor
-from hiltest.virtual.processor.interrupt import deferred_interrupt
 from hiltest.virtual.processor.memory import MK64FN1M0
-from hiltest.virtual.processor.schedule import Event
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.program.other_chips import other_chip, refuse_other_chip
 
 _WAITING_SHARE = 0.9  # of instructions that are passed over, if firmware does nothing but wait
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoardSnapshot:
-    """State of a board and of the parts on its buses at one moment, taken by `VirtualK64F.snapshot`."""
-
-    board: VirtualK64F
-    machine: Snapshot
-    parts: tuple[tuple[HasState, Any], ...]
-    is_booted: bool
-
-
-class VirtualK64F(VirtualCortexM4):
+class VirtualK64F(VirtualMachine):
     """A board that runs an ELF, instruction by instruction, with a cycle count.
 
     Virtual time follows the clocks that the firmware sets up: after reset the core
@@ -74,22 +51,14 @@ class VirtualK64F(VirtualCortexM4):
     flash_file
         File that stores the flash between runs. At power-on, sectors without data of the image are loaded from it.
 
-    Attributes
-    ----------
-    run_processor : callable
-        Runs the processor as `Processor.run` does; a debugger replaces it.
-    debugged : bool
-        True while a debugger is connected.
-    access : threading.RLock
-        Held during a reset, and by a debugger while it reads or writes, so that it never sees half a reset.
-    halted_s : float
-        Wall time that the board has been halted so far [s].
-
     Raises
     ------
     ConfigError
         If the ELF is for another processor or chip, or does not fit the memories.
     """
+
+    title = "FRDM-K64F"
+    _chip: Microcontroller
 
     def __init__(
         self,
@@ -112,91 +81,15 @@ class VirtualK64F(VirtualCortexM4):
 
         image = open_image(elf)
         refuse_other_chip(image)
-        super().__init__(image, profile=profile, memory=MK64FN1M0, part=microcontroller)
+        super().__init__(image, profile=profile, memory=MK64FN1M0, chip=microcontroller)
         self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
-        self._wires: list[InterruptWires] = []
-        self.run_processor = self.processor.run
-        self.debugged, self.halted_s = False, 0.0
         self._looked_at = 0, 0  # instructions executed, and those of waiting loops that were passed over
-        self.access = threading.RLock()
-
-    # -- reset --------------------------------------------------------------------------------
-
-    def boot(self) -> None:
-        """Power on: the next `run_until` starts the firmware from its vector table."""
-        with self.access, deferred_interrupt(lambda: None):
-            load_segments(self.processor.memory, self.image)
-            self._chip.flash.power_on(self.image.segments)
-            self._chip.watchdog_resets = 0
-            self._reset(ResetSource.POWER_ON)
-            self.processor.delivers_faults = True
-            self._booted = True
-
-    def reset(self) -> None:
-        """Press and release the reset button: the firmware restarts, and time continues."""
-        self._reset(ResetSource.PIN)
-
-    def reset_at(self, time_s: float, source: ResetSource) -> None:
-        """Reset the board at a virtual time, by its reset button or a power cycle."""
-
-        def reset() -> None:
-            raise ResetRequested(source)
-
-        self.clocks.time.call_at(math.ceil(Fraction(time_s) * PICOSECONDS), reset)
-
-    def _reset(self, source: ResetSource) -> None:
-        processor = self.processor
-        with self.access, deferred_interrupt(lambda: None):  # half a reset would execute the vector table as code
-            processor.reset()
-            self._chip.reset(source)
-            stack, entry = vectors(processor.memory, self.image)
-            processor.core.vector_table = self.image.vectors
-            processor.core.r[13], processor.core.r[15] = stack & ~3, entry & ~1
-
-    # -- time ---------------------------------------------------------------------------------
-
-    @property
-    def time_s(self) -> float:
-        """Virtual time since power-on [s]."""
-        return self.clocks.time_s()
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
-        """Run the firmware until virtual time `time_s`, or until `wake` returns true.
-
-        Parameters
-        ----------
-        time_s
-            Virtual time since power-on [s].
-        wake
-            Called after every event of a peripheral.
-        for_bytes
-            True if `wake` need not be called before the bytes that `Uart.host_expect` describes have arrived.
-
-        Raises
-        ------
-        BoardFault
-            If the processor faults or hangs.
-        ConfigError
-            If the image has no vector table to boot from.
-        """
-        if not self._booted:
-            self.boot()
-        until = self._moment(time_s)
+        """Run the firmware as `VirtualMachine.run_until` does, and report a wait for interrupts that never come."""
         try:
-            while True:
-                try:
-                    self.run_processor(until, wake=wake, for_bytes=for_bytes)
-                    return
-                except ResetRequested as request:
-                    fault = self.processor.fault_log.first_cause
-                    if request.source is ResetSource.POWER_ON:
-                        self.boot()
-                    else:
-                        self._reset(request.source)
-                    if fault is not None:
-                        raise fault.ended(str(request)) from None
+            super().run_until(time_s, wake=wake, for_bytes=for_bytes)
         finally:
-            until.cancel()
             self._report_silent_wait()
 
     def _report_silent_wait(self) -> None:
@@ -206,89 +99,6 @@ class VirtualK64F(VirtualCortexM4):
         self._looked_at = core.instructions, core.passed
         if core.sleeping or (passed > 0 and passed > _WAITING_SHARE * executed):
             self._chip.unmodelled.report_interrupts(self._chip.silent_interrupts(), core.r[15])
-
-    def _moment(self, time_s: float) -> Event:
-        """Return an event at a virtual time, which stays correct if the clocks change before it."""
-        if not math.isfinite(time_s):
-            return Event(math.inf)
-        until = math.ceil(Fraction(time_s) * PICOSECONDS)
-        return self.clocks.time.call_at(until, lambda: None, wakes=False)
-
-    def _call_hz(self, requested_hz: float | None) -> float:
-        if not self._booted:
-            return super()._call_hz(requested_hz)
-        if requested_hz is not None:
-            raise ConfigError(
-                f"clock_hz={requested_hz} is for functions called without boot; the running firmware has set up "
-                f"{self.clocks.core_hz / 1e6:g} MHz: omit clock_hz"
-            )
-        return self.clocks.core_hz
-
-    # -- snapshots ----------------------------------------------------------------------------
-
-    def snapshot(self) -> BoardSnapshot:
-        """Return the state of processor, memories, peripherals and the parts on the buses, for `restore`.
-
-        It contains neither the host's end of the serial lines, nor the world that sensors measure, nor earlier
-        recordings and counts. `VirtualBench.snapshot` also contains the world.
-
-        Raises
-        ------
-        SnapshotError
-            If the board is running, if bytes of the host are on a line towards it, or if a file stores the board's
-            flash.
-        """
-        self._refuse_if_running()
-        for uart in self.uarts:
-            if uart.host_arriving:
-                count = f"{uart.host_arriving} bytes of the host are on the line to {uart.name}"
-                raise SnapshotError(f"a request is open: {count}; run the board until it has answered")
-        machine = self.processor.machine.snapshot(with_devices=True)
-        return BoardSnapshot(self, machine, tuple((part, part.state()) for part in self._stateful()), self._booted)
-
-    def restore(self, snapshot: BoardSnapshot) -> None:
-        """Return to a snapshot of this board, from which the board repeats its actions.
-
-        Afterwards the serial lines are empty: bytes that the host has not fetched are lost, and a host that numbers its
-        requests must synchronise again (`Session.synchronise`). Calls of watched functions that were open at the
-        snapshot are not counted.
-
-        Raises
-        ------
-        SnapshotError
-            If the snapshot belongs to another board, or the board is running.
-        """
-        if snapshot.board is not self:
-            raise SnapshotError("the snapshot belongs to another board; a board can restore only its own snapshots")
-        self._refuse_if_running()
-        self.processor.machine.restore(snapshot.machine)
-        for part, state in snapshot.parts:
-            part.restore(state)
-        self._booted = self.processor.delivers_faults = snapshot.is_booted
-
-    def _refuse_if_running(self) -> None:
-        if self.processor.is_running:
-            raise SnapshotError("the board is running; wait until `run_until` or `call` has returned")
-
-    def _stateful(self) -> list[HasState]:
-        """Return the stateful objects other than the core and its peripherals in C."""
-        return [self._chip, self._leds_and_buttons, *self._wires, self.processor.fault_log, self.processor.waiting]
-
-    def unanswered_part(self) -> str:
-        """Return a sentence about a part that firmware asked only while the part was booting; empty without one."""
-        buses = enumerate(self._chip.i2c_buses)
-        asked = [(bus, number, address, time) for number, bus in buses for address, time in bus.booting.items()]
-        if not asked:
-            return ""
-        bus, number, address, time_s = asked[0]
-        return (
-            f"the {bus.part_name(address)} on I2C{number} was still booting when the firmware asked it, "
-            f"{1e3 * time_s:.1f} ms after power-on, and it was not asked again. On a bench the debugger's reset hides "
-            "this, because the part is powered before. Reset the board (M8 at hiltest serve, faults.reset in a rig), "
-            "or let the firmware wait"
-        )
-
-    # -- peripherals of the chip --------------------------------------------------------------
 
     @property
     def clocks(self) -> ClockGates:
@@ -321,77 +131,6 @@ class VirtualK64F(VirtualCortexM4):
         The voltage of a differential channel is the one between its pins. Inputs without an entry have 0 V.
         """
         return self._chip.adc_volts
-
-    @property
-    def seed(self) -> int:
-        """Seed of the chip's random number generator from now on; 0 if none is set."""
-        return self._chip.random_numbers.seed
-
-    @seed.setter
-    def seed(self, seed: int) -> None:
-        self._chip.random_numbers.seed = seed
-
-    def set_temperature(self, temperature_degc: Callable[[], float]) -> None:
-        """Set the function that returns the chip's temperature [degC]; the default is 25 degC."""
-        self._chip.temperature_degc = temperature_degc
-
-    # -- pins ---------------------------------------------------------------------------------
-
-    @property
-    def events(self) -> list[BoardEvent]:
-        """Changes of LEDs and buttons since power-on."""
-        return self._leds_and_buttons.events
-
-    def press(self, button: str) -> None:
-        """Press ``SW2`` or ``SW3`` and hold it."""
-        self._leds_and_buttons.push(button, True)
-
-    def release(self, button: str) -> None:
-        self._leds_and_buttons.push(button, False)
-
-    def is_on(self, name: str) -> bool:
-        """Return whether an LED (``LED red``, ``LED green``, ``LED blue``) is lit or a button is pressed."""
-        return self._leds_and_buttons.is_on(name)
-
-    def drive(self, pin: str, high: bool) -> None:
-        """Drive a pin such as ``PTC5`` from outside."""
-        port, number = self._chip.pin(pin)
-        port.drive(number, high)
-
-    def level(self, pin: str) -> bool:
-        """Return the level of a pin such as ``PTC5``, whatever drives it; low while the pin is analog."""
-        port, number = self._chip.pin(pin)
-        return bool(port.levels >> number & 1)
-
-    def connect_interrupts(self, bus: str, part: InterruptSource, pins: Mapping[str, str]) -> None:
-        """Connect the interrupt pins of a part.
-
-        Parameters
-        ----------
-        bus
-            Bus of the part, such as ``i2c1`` or ``spi0``.
-        part
-            A part that the constructor received for that bus.
-        pins
-            Pin of the processor, such as ``PTB9``, by pin of the part; the others stay open.
-        """
-        wires = InterruptWires(part, [self._chip.wire_to(pins.get(pin)) for pin in part.pins], self.clocks.time)
-        self._wires.append(wires)
-        number = int(bus[-1])
-        if bus.startswith("spi"):
-            self._chip.spi_buses[number].call_after_stop(part, wires.update)
-        else:
-            self._chip.i2c_buses[number].call_after_stop(part, wires.update)
-        wires.update()
-
-    def update_interrupts(self) -> None:
-        """Pass on the levels of all interrupt pins, after an access to a part that is not on its bus."""
-        for wires in self._wires:
-            wires.update()
-
-    def hold_line(self, bus: int, hold: HeldLine) -> None:
-        """Pull a line of I2C bus 0 or 1 low for a time, as a stuck part or a short circuit does."""
-        self._chip.i2c_buses[bus].on_hold(hold)
 
 
 def board_for(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -37,6 +37,7 @@ from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import SRAM
+from hiltest.virtual.program.elf import LoadSegment
 
 _SPI0_DEPTH = 4  # of its FIFOs; those of SPI1 and SPI2 hold one word
 _WITH_FIFO = 2  # number of UARTs with FIFOs and the core clock: UART0 and UART1
@@ -255,6 +256,10 @@ class Microcontroller(Restorable):
             *self.spi_buses,
         ]
 
+    def power_on(self, segments: Iterable[LoadSegment]) -> None:
+        """Restore the flash from its file, except for sectors of the image."""
+        self.flash.power_on(segments)
+
     # -- reset --------------------------------------------------------------------------------
 
     def reset(self, source: ResetSource) -> None:
@@ -296,13 +301,6 @@ class Microcontroller(Restorable):
         """
         letter, number = pin_place(name)
         return self.ports[letter], number
-
-    def wire_to(self, pin: str | None) -> Callable[[bool], None] | None:
-        """Return a function that sets the level of a pin such as ``PTB9`` from outside; None if there is no pin."""
-        if pin is None:
-            return None
-        port, number = self.pin(pin)
-        return lambda high: port.drive(number, high)
 
     def describe_sleep(self) -> str:
         """Return a description of the processor's sleep mode, and of interrupts that never end it."""

@@ -242,6 +242,12 @@ void machine_report_accesses(struct machine *machine);
 void machine_forget_accesses(struct machine *machine);
 void machine_pause_accesses(struct machine *machine, bool is_paused);
 struct machine_access machine_latest_access(struct machine *machine);
+/* Send accesses to a further range of addresses to the bus: registers outside of the peripherals' first MiB and of the
+ * processor's own. False if there are too many ranges. */
+bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size);
+/* Send stores to flash to the bus from now on, because its controller programs words by stores. */
+void machine_pass_flash_stores(struct machine *machine);
+void machine_report_repeated(struct machine *machine, machine_repeated report, void *context);
 /* For a device during a load: the load has a side effect. */
 void machine_load_changed(struct machine *machine);
 
@@ -373,6 +379,17 @@ struct machine_pit {
 bool machine_add_pit(struct machine *machine, uint32_t base, struct machine_pit connections);
 /* Return the time at which a channel was last enabled. */
 int64_t machine_timer_enabled_at(struct machine *machine, uint32_t base, int32_t channel);
+
+/* TIMER of the nRF51 on its high-frequency clock. While it is routed, `route` is called with the address of each compare
+ * event; `routed` is for the library. */
+struct machine_nrf51_timer {
+    int32_t interrupt, clock;
+    void (*route)(void *context, uint32_t event);
+    void (*routed)(void *context, uint32_t event);
+    void *context;
+};
+bool machine_add_nrf51_timer(struct machine *machine, uint32_t base, struct machine_nrf51_timer connections);
+void machine_route_nrf51_timer(struct machine *machine, uint32_t base, bool is_routed);
 
 /* FTM. `changed` is called when a reported channel changes its level, `note` at a write that requests an unmodelled
  * function. */

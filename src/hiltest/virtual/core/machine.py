@@ -86,6 +86,8 @@ class Machine:
     ----------
     profile : TimingProfile
         Prices of instructions.
+    baseline : bool
+        True for a core of ARMv6-M, as the Cortex-M0.
 
     Attributes
     ----------
@@ -93,8 +95,8 @@ class Machine:
         Reason of the latest bus error.
     """
 
-    def __init__(self, profile: TimingProfile) -> None:
-        self.handle = ffi.gc(lib.machine_create(False), lib.machine_destroy)
+    def __init__(self, profile: TimingProfile, *, baseline: bool = False) -> None:
+        self.handle = ffi.gc(lib.machine_create(baseline), lib.machine_destroy)
         if self.handle == ffi.NULL:
             raise MemoryError
         self.core: Any = lib.machine_core(self.handle)

@@ -168,8 +168,22 @@ static bool is_device(const struct machine *machine, uint32_t address)
 {
     if (!machine->bus.read)
         return false;
+    for (int32_t i = 0; i < machine->region_count; i++)
+        if (is_within(address, machine->regions[i].base, machine->regions[i].size))
+            return true;
     return is_within(address, PERIPHERALS, PERIPHERAL_BYTES) || is_within(address, PRIVATE_PERIPHERALS, PRIVATE_BYTES);
 }
+
+bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size)
+{
+    if (machine->region_count == REGIONS)
+        return false;
+    machine->regions[machine->region_count].base = base;
+    machine->regions[machine->region_count++].size = size;
+    return true;
+}
+
+void machine_pass_flash_stores(struct machine *machine) { machine->passes_flash_stores = true; }
 
 static bool is_alias(const struct machine *machine, uint32_t address)
 {
@@ -278,6 +292,8 @@ static bool store_elsewhere(struct machine *machine, uint32_t address, uint32_t 
     struct memory *memory = memory_at(machine, address, size);
     if (memory && machine->protects && !is_permitted(machine, address, size, true))
         return refuse(machine, CAUSE_WRITE_PROTECTED, address, size);
+    if (memory && !memory->writable && machine->passes_flash_stores && machine->bus.read)
+        return write_device(machine, address, size, value);
     if (memory && !memory->writable)
         return refuse(machine, CAUSE_WRITE_FLASH, address, size);
     if (memory)

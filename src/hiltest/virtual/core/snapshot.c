@@ -236,6 +236,9 @@ struct machine *machine_like(const struct machine *machine)
     if (!other)
         return NULL;
     other->prices = machine->prices;
+    memcpy(other->regions, machine->regions, sizeof other->regions);
+    other->region_count = machine->region_count;
+    other->passes_flash_stores = machine->passes_flash_stores;
     memcpy(other->blocks, machine->blocks, sizeof other->blocks);
     other->block_count = machine->block_count;
     if (machine->waits) {

@@ -1,6 +1,6 @@
-"""Tables of the MK64FN1M0: memories, peripherals, registers and pins.
+"""Tables of parts: memories, peripherals, registers and pins.
 
-The tables in ``mk64f12/`` hold facts of the part (names, addresses, widths, values after
+The tables in ``mk64f12/`` (MK64FN1M0) and ``nrf51822/`` hold facts of a part (names, addresses, widths, values after
 reset, clock gates, interrupts, sources of DMA requests) from its reference manual.
 """
 
@@ -146,9 +146,9 @@ class Chip:
         return dict(self._reset_bytes.get(base // _PAGE, {}))
 
 
-def table(name: str) -> Iterator[dict[str, str]]:
-    """Yield the rows of one of the part's tables."""
-    with (resources.files("hiltest.virtual.part") / "mk64f12" / name).open(encoding="ascii") as file:
+def table(name: str, part: str = "mk64f12") -> Iterator[dict[str, str]]:
+    """Yield the rows of one of a part's tables."""
+    with (resources.files("hiltest.virtual.part") / part / name).open(encoding="ascii") as file:
         yield from csv.DictReader(file)
 
 
@@ -158,9 +158,9 @@ def _copies(row: dict[str, str]) -> list[str]:
     return [str(index) for index in range(int(copies))] if copies.isdigit() else copies.split() or [""]
 
 
-def memories() -> MemoryMap:
-    """Return the memories of the part."""
-    rows = list(table("memories.csv"))
+def memories(part: str = "mk64f12") -> MemoryMap:
+    """Return the memories of a part."""
+    rows = list(table("memories.csv", part))
     flash, ram = (
         tuple((int(row["base"], 0), int(row["size"], 0)) for row in rows if row["kind"] == kind)
         for kind in ("flash", "ram")
@@ -168,25 +168,31 @@ def memories() -> MemoryMap:
     return MemoryMap(flash, ram)
 
 
-@cache
 def mk64f12() -> Chip:
-    """Return the peripherals and pins from the part's tables."""
+    """Return the peripherals and pins of the MK64FN1M0."""
+    return chip("mk64f12")
+
+
+@cache
+def chip(part: str) -> Chip:
+    """Return the peripherals of a part, and its pins if they carry signals, from its tables."""
     kinds: dict[str, list[tuple[str, int, int, int]]] = {}
-    for row in table("registers.csv"):
+    for row in table("registers.csv", part):
         for index, copy in enumerate(_copies(row)):
             offset = int(row["offset"], 0) + index * int(row["step"] or "0", 0)
             entry = row["name"].replace("#", copy), offset, int(row["bytes"]), int(row["reset"] or "0", 0)
             kinds.setdefault(row["kind"], []).append(entry)
     peripherals = []
-    for row in table("peripherals.csv"):
+    for row in table("peripherals.csv", part):
         name, base = row["name"], int(row["base"], 0)
         gates = (gate.removeprefix("SCGC").split(".") for gate in row["gates"].split())
         registers = tuple(
             ChipRegister(register if register.startswith(name) else f"{name}_{register}", base + offset, size, reset)
-            for register, offset, size, reset in kinds[row["registers"]]
+            for register, offset, size, reset in kinds.get(row["registers"], ())
         )
         scgc = tuple((int(register), int(bit)) for register, bit in gates)
         interrupts, requests = (tuple(map(int, row[column].split())) for column in ("interrupts", "requests"))
         peripherals.append(ChipPeripheral(name, base, int(row["size"], 0), scgc, registers, interrupts, requests))
-    pins = (ChipPin(*pin_place(row["pin"]), int(row["function"]), row["signal"]) for row in table("pins.csv"))
+    with_signals = table("pins.csv", part) if part == "mk64f12" else ()
+    pins = (ChipPin(*pin_place(row["pin"]), int(row["function"]), row["signal"]) for row in with_signals)
     return Chip(tuple(peripherals), tuple(pins))

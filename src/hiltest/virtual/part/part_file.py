@@ -57,7 +57,7 @@ class _PartTable:
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     title: _Text
     memories: Annotated[list[PartMemory], Field(max_length=16)]
-    core: Literal["cortex-m0plus", "cortex-m3", "cortex-m4", "cortex-m33"] = "cortex-m4"
+    core: Literal["cortex-m0", "cortex-m0plus", "cortex-m3", "cortex-m4", "cortex-m33"] = "cortex-m4"
     clock_mhz: Annotated[float, Field(gt=0, le=1000)] = 120
     wait_states: WaitStates | None = None
 

@@ -11,7 +11,7 @@ from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import RefusedAccess
 from hiltest.virtual.processor.cpu import Processor
 
-_PAGE = 4096
+_PAGE, _REGISTERS = 4096, 0x40000000
 Offsets = Collection[int]
 ALL_STEADY: Offsets = range(_PAGE)
 NONE_STEADY: Offsets = range(0)
@@ -123,6 +123,11 @@ class PeripheralBus(Restorable):
     ----------
     register_name
         Returns the name of the chip's register at an address, or None. None for a bare part without such names.
+
+    Attributes
+    ----------
+    store_in_flash : callable or None
+        Called for stores to flash, with address, size and value, on a chip that programs flash by stores.
     """
 
     def __init__(
@@ -133,6 +138,7 @@ class PeripheralBus(Restorable):
     ) -> None:
         self._register_name = register_name
         self._pages = {peripheral.base >> 12: peripheral for peripheral in peripherals}
+        self.store_in_flash: Callable[[int, int, int], None] | None = None
         self._open: dict[int, Peripheral] = {}  # by page: peripherals that need no further check
         processor.machine.connect(self._checked_read, self._checked_write, processor.abort)
         self._declare(processor)
@@ -157,6 +163,9 @@ class PeripheralBus(Restorable):
 
     def _checked_write(self, address: int, size: int, value: int) -> None:
         """Write a register for a store; raise `RefusedAccess` for a bus error."""
+        if self.store_in_flash is not None and address < _REGISTERS:
+            self.store_in_flash(address, size, value)
+            return
         peripheral = self._open.get(address >> 12)
         if peripheral is None or address % _PAGE + size > _PAGE:
             peripheral = self._open_peripheral(address, size)
@@ -168,6 +177,10 @@ class PeripheralBus(Restorable):
             raise RefusedAccess(reason)
         peripheral = self._open[address >> 12] = self._pages[address >> 12]
         return peripheral
+
+    def has(self, address: int) -> bool:
+        """Return whether an address is in the page of a peripheral."""
+        return address >> 12 in self._pages
 
     def read(self, address: int, size: int) -> int:
         """Read a register by its address, without checks."""

@@ -41,6 +41,8 @@ class Processor:
         Source of the functions and lines in fault reports.
     profile
         Prices of the instructions.
+    baseline
+        True for a core of ARMv6-M, as the Cortex-M0.
 
     Attributes
     ----------
@@ -60,10 +62,17 @@ class Processor:
         Called with STOP_BREAKPOINT, STOP_WATCHPOINT or STOP_STEP of machine.h; may raise an exception, too.
     """
 
-    def __init__(self, image: FirmwareImage, profile: TimingProfile, *, memories: MemoryMap = MK64FN1M0) -> None:
+    def __init__(
+        self,
+        image: FirmwareImage,
+        profile: TimingProfile,
+        *,
+        memories: MemoryMap = MK64FN1M0,
+        baseline: bool = False,
+    ) -> None:
         self.image = image
         self.profile = profile
-        self.machine = Machine(profile)
+        self.machine = Machine(profile, baseline=baseline)
         self.core = self.machine.core
         self.core.return_address = RETURN_ADDRESS
         self.memory = BoardMemory(self.machine, memories)

@@ -53,6 +53,7 @@ class Core:
 
 
 CORES = {
+    "cortex-m0": Core("Cortex-M0", {0, 11, 12}, _NO_FPU, "-mcpu=cortex-m0, or name another --part"),
     "cortex-m0plus": Core("Cortex-M0+", {0, 11, 12}, _NO_FPU, "-mcpu=cortex-m0plus, or name another --part"),
     "cortex-m3": Core("Cortex-M3", {0, 10, 11, 12}, _NO_FPU, "-mcpu=cortex-m3, or name another --part"),
     "cortex-m4": Core("Cortex-M4F", {0, 10, 11, 12, 13}, _FPV4_SP, "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16"),

@@ -15,7 +15,8 @@ from hiltest.world import MagneticDistortion, NoiseSource, Vector, World
 from hiltest.world.recorded_motion import Sensed
 from hiltest.world.sensors.drift import Drift
 from hiltest.world.sensors.register_device import RegisterDevice, signed_byte
-from hiltest.world.sensors.sampling import Counts, SampledOutput, limited
+from hiltest.world.sensors.register_table import axis_numbers
+from hiltest.world.sensors.sampling import Counts, SampledOutput, along_part, limited
 
 DR_STATUS, OUT_X_MSB, OUT_Z_LSB, WHO_AM_I, SYSMOD = 0x00, 0x01, 0x06, 0x07, 0x08
 OFF_X_MSB, OFF_Z_LSB, DIE_TEMP, CTRL_REG1, CTRL_REG2 = 0x09, 0x0E, 0x0F, 0x10, 0x11
@@ -35,7 +36,7 @@ def output_rate_hz(control1: int) -> float:
 
 
 class Mag3110(RegisterDevice):
-    """The part at 0x0E, fixed to the body as on the sensor shield.
+    """The part at 0x0E, by default fixed to the body as on the sensor shield. Its axes are left-handed.
 
     Parameters
     ----------
@@ -45,6 +46,8 @@ class Mag3110(RegisterDevice):
         Distortion between the earth's field and the part; its hard iron includes the part's own zero-flux offset.
     seed
         Noise seed.
+    axes
+        Axes of the part along x, y and z of the body, such as ``-y``; by default those on the shield.
     noise_ut
         Rms noise per axis at oversampling 16, 32, 64, 128 [uT].
     drift
@@ -62,6 +65,7 @@ class Mag3110(RegisterDevice):
         *,
         seed: int,
         address: int = 0x0E,
+        axes: tuple[str, str, str] | None = None,
         noise_ut: Sequence[float] = DATA_SHEET_NOISE_UT,
         drift: Drift = Drift(),  # noqa: B008 - frozen, so it may be shared
         die_temperature_offset_degc: float = 0.0,
@@ -79,7 +83,7 @@ class Mag3110(RegisterDevice):
             self._measure,
             full_scale=_RAW_LIMIT,
             quantity=Sensed.MAGNETOMETER,
-            body_axes=(-2, -1, 3),
+            body_axes=(-2, -1, 3) if axes is None else axis_numbers(axes),
         )
         self.outputs = (self._output,)
         self._control1 = 0
@@ -193,14 +197,14 @@ class Mag3110(RegisterDevice):
         )
         if recorded is None:
             field_ut = self._world.field_at_part_ut(self._distortion, instant_s)
-            x, y, z = self._drift.apply(field_ut, self._world.temperature_degc(instant_s))
+            body_ut = self._drift.apply(field_ut, self._world.temperature_degc(instant_s))
             sigma = self._noise_counts[self._oversampling]
         else:
-            (x, y, z), sigma = recorded, 0.0
-        # Part axes from body axes: the inverse of body = (-y, -x, +z).
+            body_ut, sigma = recorded, 0.0
+        x, y, z = along_part(self._output.body_axes, body_ut)
         return (
-            self._word(-y, sigma * noise[0], 0),
-            self._word(-x, sigma * noise[1], 1),
+            self._word(x, sigma * noise[0], 0),
+            self._word(y, sigma * noise[1], 1),
             self._word(z, sigma * noise[2], 2),
         )
 

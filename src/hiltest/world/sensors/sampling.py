@@ -263,6 +263,14 @@ class SampledOutput(Restorable):
         return (self._full_scale if begin_s <= instant_s < end_s else x, y, z)
 
 
+def along_part(body_axes: tuple[int, int, int], body: Vector) -> Vector:
+    """Return a vector of the body along the axes of a part, which are given as in `SampledOutput`."""
+    along = [0.0, 0.0, 0.0]
+    for axis, value in zip(body_axes, body, strict=True):
+        along[abs(axis) - 1] = math.copysign(1.0, axis) * value
+    return along[0], along[1], along[2]
+
+
 def limited(value: float, limit: int) -> int:
     """Return a number rounded to the nearest integer and kept within +-limit."""
     return max(-limit, min(limit, round(value)))
