@@ -247,7 +247,6 @@ struct machine_access machine_latest_access(struct machine *machine);
 bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size);
 /* Send stores to flash to the bus from now on, because its controller programs words by stores. */
 void machine_pass_flash_stores(struct machine *machine);
-void machine_report_repeated(struct machine *machine, machine_repeated report, void *context);
 /* For a device during a load: the load has a side effect. */
 void machine_load_changed(struct machine *machine);
 

@@ -176,7 +176,7 @@ static bool is_device(const struct machine *machine, uint32_t address)
 
 bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size)
 {
-    if (machine->region_count == REGIONS)
+    if (machine->region_count == BUS_REGIONS)
         return false;
     machine->regions[machine->region_count].base = base;
     machine->regions[machine->region_count++].size = size;

@@ -102,7 +102,7 @@ struct short_loop {
 };
 
 struct device;
-enum { DEVICES = 64, BLOCKS = 16, REGIONS = 4 };
+enum { DEVICES = 64, BLOCKS = 16, BUS_REGIONS = 4 };
 
 /* stored.c */
 enum { LOGGED_ACCESSES = 256 };
@@ -126,7 +126,7 @@ struct machine {
     struct prices prices;
     struct prices *tables;    /* further price tables, see machine_set_tables */
     int32_t table_count;      /* including `prices`; 0 before the first request for tables */
-    struct { uint32_t base, size; } regions[REGIONS]; /* see machine_add_device_region */
+    struct { uint32_t base, size; } regions[BUS_REGIONS]; /* see machine_add_device_region */
     int32_t region_count;
     bool passes_flash_stores; /* see machine_pass_flash_stores */
     uint32_t blocks[BLOCKS];  /* first addresses of memory blocks, in any order */
