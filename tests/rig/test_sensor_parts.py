@@ -116,8 +116,9 @@ def test_an_interrupt_pin_is_wired_to_the_processor(tmp_path: Path) -> None:
     assert bench.machine.level("PTC5")
 
 
-def test_a_part_on_spi_answers_to_its_chip_select(tmp_path: Path) -> None:
-    rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n')
+def test_a_part_on_spi_answers_to_its_chip_select_unless_it_is_absent(tmp_path: Path) -> None:
+    absent = '\n[faults]\nsensor = { part = "lis3mdl", fault = "absent", for_s = 0.5 }\n'
+    rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n' + absent)
     bench = VirtualBench(rig)
     bench.power_on()
     registers, spi = bench.machine.bus, 0x4002C000
@@ -125,10 +126,16 @@ def test_a_part_on_spi_answers_to_its_chip_select(tmp_path: Path) -> None:
     registers.write(0x4004C000, 4, 2 << 8)  # PORTD_PCR0: SPI0_PCS0
     registers.write(spi, 4, 1 << 31 | 1 << 16)  # MCR: master, chip select low when active
     registers.write(spi + 0xC, 4, 7 << 27)  # CTAR0: bytes
-    for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
-        registers.write(spi + 0x34, 4, command)
-    bench.machine.run_until(bench.time_s + 1e-3)
-    assert [registers.read(spi + 0x38, 4) for _ in range(2)] == [0xFF, 0x3D]
+
+    def identity() -> list[int]:
+        for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
+            registers.write(spi + 0x34, 4, command)
+        bench.machine.run_until(bench.time_s + 1e-3)
+        return [registers.read(spi + 0x38, 4) for _ in range(2)]
+
+    assert identity() == [0xFF, 0xFF]
+    bench.machine.run_until(0.8)
+    assert identity() == [0xFF, 0x3D]
 
 
 def test_the_mag3110_of_the_shield_can_be_wired(tmp_path: Path) -> None:
