@@ -28,7 +28,6 @@ _DBR, _LSBFE = 1 << 31, 1 << 24
 _PRESCALERS, _DELAY_PRESCALERS = (2, 3, 5, 7), (1, 3, 5, 7)
 _SCALERS = (2, 4, 6, *(1 << power for power in range(3, 16)))  # of BR
 _CHIP_SELECTS = 6
-_KEPT = _TCF | _EOQF | _RFOF  # flags that stay until firmware writes a one; TFFF and RFDF follow the FIFOs
 
 
 class Dspi(Restorable):
