@@ -83,7 +83,7 @@ class Dspi(Restorable):
         """Return to the state after reset: disabled."""
         self._cancel()
         self._registers = dict(self._initial)
-        self._flags = 0
+        self._flags = 0  # TCF, EOQF, RFOF, until firmware writes a one; TFFF and RFDF follow the FIFOs
         self._sending: deque[int] = deque()
         self._received: deque[int] = deque()
         self._end = 0
