@@ -6,7 +6,9 @@ import struct
 
 import pytest
 
+from hiltest.boards.gdb_target import memory_description
 from hiltest.errors import BoardFault, ConfigError
+from hiltest.virtual.board.debug_access import DebugAccess
 from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, World
@@ -282,3 +284,13 @@ def test_the_cortex_m0_has_no_instructions_of_a_larger_core() -> None:
     chip = Chip(program(0xF3AF, 0x8000))  # NOP.W
     with pytest.raises(BoardFault, match="undefined"):
         chip.wait_us(10)
+
+
+def test_a_debugger_reads_and_writes_pins_flash_and_facts_of_the_chip(chip: Chip) -> None:
+    access = DebugAccess(chip.board)
+    access.write(GPIO + 0x518, (1 << 3).to_bytes(4, "little"))
+    assert access.read(GPIO + 0x514, 4) == (1 << 3).to_bytes(4, "little")
+    assert access.read(0x10000010, 4) == (1024).to_bytes(4, "little"), "size of a page"
+    assert access.register(15) == (0xC0).to_bytes(4, "little")
+    described = memory_description(chip.board.memory, chip.board.bus.regions())
+    assert '<memory type="ram" start="0x50000000" length="0x1000"/>' in described

@@ -50,7 +50,10 @@ class GdbSession:
                 ),
             ),
             (b"qXfer:features:read:target.xml:", lambda rest: _part(target_description(), rest)),
-            (b"qXfer:memory-map:read::", lambda rest: _part(memory_description(machine.memory), rest)),
+            (
+                b"qXfer:memory-map:read::",
+                lambda rest: _part(memory_description(machine.memory, machine.bus.regions()), rest),
+            ),
             (b"QStartNoAckMode", self._stop_acknowledging),
             (b"qRcmd,", self._monitor),
             (b"qAttached", lambda _: b"1"),

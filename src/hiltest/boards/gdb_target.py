@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from hiltest.virtual.board.debug_access import CORE_NAMES, DOUBLES, SYSTEM_NAMES
-from hiltest.virtual.part.chip import MemoryMap
+from hiltest.virtual.part.chip import MemoryMap, Region, is_in
 from hiltest.virtual.processor.memory import PERIPHERALS, PRIVATE_PERIPHERALS
 
 _TYPES = {"sp": "data_ptr", "pc": "code_ptr", "msp": "data_ptr", "psp": "data_ptr"}
@@ -27,10 +29,18 @@ def _register(name: str, bits: int, kind: str) -> str:
     return f'<reg name="{name}" bitsize="{bits}" type="{kind}"/>'
 
 
-def memory_description(memories: MemoryMap) -> str:
-    """Return the memory map: flash as ROM, so that breakpoints there are hardware's, and peripherals as RAM."""
+def memory_description(memories: MemoryMap, pages: Sequence[Region] = ()) -> str:
+    """Return the memory map: flash as ROM, so that breakpoints there are hardware's, and peripherals as RAM.
+
+    Parameters
+    ----------
+    pages
+        Pages of the chip's peripherals.
+    """
+    devices = PERIPHERALS, PRIVATE_PERIPHERALS
+    further = [page for page in pages if not is_in(devices, page[0])]
     regions = [("rom", memory) for memory in memories.flash]
-    regions += [("ram", memory) for memory in (*memories.ram, PERIPHERALS, PRIVATE_PERIPHERALS)]
+    regions += [("ram", memory) for memory in (*memories.ram, *devices, *further)]
     rows = "".join(f'<memory type="{kind}" start="0x{base:x}" length="0x{size:x}"/>' for kind, (base, size) in regions)
     return (
         '<?xml version="1.0"?><!DOCTYPE memory-map PUBLIC "+//IDN gnu.org//DTD GDB Memory Map V1.0//EN" '

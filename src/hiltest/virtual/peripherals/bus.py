@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from hiltest.state import HasState, Restorable
 from hiltest.virtual.core.library import ffi, lib
 from hiltest.virtual.core.machine import RefusedAccess
+from hiltest.virtual.part.chip import Region
 from hiltest.virtual.processor.cpu import Processor
 
 _PAGE, _REGISTERS = 4096, 0x40000000
@@ -181,6 +182,10 @@ class PeripheralBus(Restorable):
     def has(self, address: int) -> bool:
         """Return whether an address is in the page of a peripheral."""
         return address >> 12 in self._pages
+
+    def regions(self) -> list[Region]:
+        """Return the pages of the peripherals."""
+        return [(page << 12, _PAGE) for page in sorted(self._pages)]
 
     def read(self, address: int, size: int) -> int:
         """Read a register by its address, without checks."""
