@@ -183,7 +183,7 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             'part = "lis3mdl"\ninterrupts = { INT = "PTF9" }',
             (),
             'interrupts = { INT = "PTF9" }',
-            "names no pin of the processor: PTF9; write PTA0 to PTE31",
+            "names no pin of the processor: PTF9; write PTA0 to PTE31, or P0.0 to P0.31",
         ),
         ('part = "lis3mdl"\naddress = 0x20', (), "address = 0x20", "lis3mdl answers at 0x1c or 0x1e only"),
         ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),

@@ -26,7 +26,7 @@ STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": Fa
 DPI_PAIRS_MINIMUM = 300
 
 _LONGEST_RUN_S = 1e6
-_PIN = re.compile(r"PT[A-E]([0-9]|[12][0-9]|3[01])")  # of the MK64FN1M0
+_PIN = re.compile(r"(PT[A-E]|P0\.)([0-9]|[12][0-9]|3[01])")  # of the MK64FN1M0, and of the nRF51822
 
 
 class RigValueError(ValueError):
@@ -210,7 +210,11 @@ class SensorPart:
         require(not is_spi or self.address is None, "address", "belongs to a part on an I2C bus: leave it out")
         for key, pins in (("chip_select", [self.chip_select or "PTA0"]), ("interrupts", [*self.interrupts.values()])):
             strangers = [pin for pin in pins if not _PIN.fullmatch(pin)]
-            require(not strangers, key, f"names no pin of the processor: {', '.join(strangers)}; write PTA0 to PTE31")
+            require(
+                not strangers,
+                key,
+                f"names no pin of the processor: {', '.join(strangers)}; write PTA0 to PTE31, or P0.0 to P0.31",
+            )
         require(self.address is None or 0x08 <= self.address <= 0x77, "address", "must be 0x08 to 0x77, seven bits")
         for key in ("magnetometer_noise_ut", "accelerometer_noise_mg", "gyroscope_noise_dps"):
             noise = getattr(self, key)
