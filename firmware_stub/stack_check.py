@@ -14,6 +14,8 @@ from pathlib import Path
 # Who calls through a pointer, and what that pointer can be.
 INDIRECT_CALLS = {
     "server_run": ["command_*"],
+    "main": ["*_set_up"],  # of the compass, like the next
+    "measure": ["mag3110_read", "lis3mdl_read", "fxos8700_read"],
     "count_cycles": ["magnetometer_*"],
     "count_step_cycles": ["*_stream_add", "*_stream_remove", "point_range_add"],
     "count_report_cycles": ["*_stream_report"],

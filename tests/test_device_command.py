@@ -15,6 +15,10 @@ from tests.interfaces.compiled import compile_c
 from tests.interfaces.test_gdb_client import SOURCE, own_server
 from tests.serial_line import Line
 
+from hiltest.boards import open_board
+from hiltest.errors import SyncError, VersionMismatchError
+from hiltest.rig.rig_file import load_rig
+
 ROOT = Path(__file__).parents[1]
 RIG = ROOT / "hil" / "rigs" / "text-compass.toml"
 ELF = ROOT / "src" / "hiltest" / "firmware" / "compass-lines.elf"
@@ -147,8 +151,47 @@ def test_it_listens_through_the_faults_of_the_rig(
     assert run("listen", "--rig", lossy, "--port", line.name, "--seconds", "2") == 1
     sender.join()
     said = capsys.readouterr()
-    assert "0 understood, 0 not" in said.out
+    silence = r"nothing arrived in \1: the firmware sends nothing on this port"
+    assert re.search(rf"^0 understood, 0 not, in (2\.\d s)\n{silence}$", said.out, re.M)
     assert "injected faults: 1 of bytes lost" in said.err
+
+
+def test_bytes_without_a_line_end_are_another_sentence_than_silence(
+    line: Line, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sender = line.send(bytes(range(0x80, 0x100)))
+    assert run("listen", "--rig", str(RIG), "--port", line.name, "--seconds", "2") == 1
+    sender.join()
+    assert (
+        "\n128 bytes arrived without a line end: the firmware sends no text, or at another speed\n"
+        in capsys.readouterr().out
+    )
+
+
+@pytest.mark.slow
+def test_a_line_that_is_read_at_another_speed_is_said_with_both_speeds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "slow.toml"
+    rig.write_text(RIG.read_text(encoding="utf-8") + "\n[link]\nbaud = 9600\n", encoding="utf-8")
+    speeds = "the firmware runs UART0 at 115218 baud, and the line is read at 9600 baud"
+    assert run("listen", "--rig", str(rig), "--firmware", str(ELF), "--seconds", "1") == 1
+    assert capsys.readouterr().out.count(speeds) == 1
+    assert run("serve", "--rig", str(rig), "--firmware", str(ELF), "--until", "1", "--no-wait") == 0
+    assert speeds in capsys.readouterr().err
+    assert run("serve", "--rig", str(rig), "--firmware", str(ELF), "--until", "1", "--no-wait", "--baud", "115200") == 0
+    assert speeds not in capsys.readouterr().err
+    with pytest.raises(VersionMismatchError, match=speeds):
+        open_board(load_rig(rig), firmware=ELF)
+
+
+@pytest.mark.slow
+def test_our_own_firmware_at_another_speed_is_said_too(tmp_path: Path) -> None:
+    rig = tmp_path / "slow.toml"
+    shipped = (ROOT / "hil" / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
+    rig.write_text(f"{shipped}\n[link]\nbaud = 230400\n", encoding="utf-8")
+    with pytest.raises(SyncError, match="UART0 at 115218 baud, and the line is read at 230400 baud"):
+        open_board(load_rig(rig))
 
 
 @pytest.mark.slow

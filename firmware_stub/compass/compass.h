@@ -1,4 +1,4 @@
-/** @file compass.h @brief Declarations that main.c, background.c and output_*.c share. x is forward, y right, z down. */
+/** @file compass.h @brief Declarations that main.c, background.c and output_*.c share; the sensors are in sensors.h. x is forward, y right, z down. */
 #ifndef COMPASS_H
 #define COMPASS_H
 

@@ -104,14 +104,15 @@ class LinkLostError(BenchError):
 class SyncError(BenchError):
     """Nothing on the port answered the synchronisation nonce."""
 
-    def __init__(self, port: str, heard: bytes, attempts: int) -> None:
+    def __init__(self, port: str, heard: bytes, attempts: int, wrong_speed: str = "") -> None:
         self.port = port
         self.heard = heard
         self.attempts = attempts
         heard_text = f"only {len(heard)} other bytes ({heard[:16].hex(' ')})" if heard else "and no other byte"
+        advice = "Check that the board runs hiltest's firmware, and the baud rate."
         super().__init__(
             f"no answer to {attempts} synchronisation requests on {port}, {heard_text}. "
-            "Check that the board runs hiltest's firmware, and the baud rate."
+            + (f"The cause: {wrong_speed}." if wrong_speed else advice)
         )
 
 

@@ -42,7 +42,7 @@ def split(example: str) -> tuple[list[str], list[str], list[str], list[str]]:
         for number in (0, 1)
     ]
     period = places[1] - places[0]
-    end = len(lines) - (lines[-1] == "]")
+    end = len(lines) - (lines[-1].startswith("]"))
     begin = end - 2 * period
     return lines[:begin], lines[begin : begin + period], lines[begin + period : end], lines[end:]
 
@@ -111,6 +111,8 @@ def test_a_log_in_the_form_of_an_example_gives_its_cloud_back(tmp_path: Path, ex
     fit = fit_corrected((samples.microtesla or unit_ut) * samples.points)
     # The centre of 400 readings with 0.1 uT of noise is known to 0.01 uT; MotionCal's readings are rounded to 0.1 uT.
     np.testing.assert_allclose(fit.hard_iron, CENTRE, atol=0.1)
+    if re.search(r"time|\bt\b", example, re.IGNORECASE):
+        assert samples.time_s is not None
     if samples.time_s is not None and samples.time_s[-1] > samples.time_s[0]:
         # Seconds since 1970 have a last digit of 0.24 us.
         assert np.median(np.diff(samples.time_s)) == pytest.approx(STEP_S, abs=1e-6)

@@ -38,8 +38,12 @@ P = TypeVar("P", bound=Packet)
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-ELFS = {output: ROOT / "src" / "hiltest" / "firmware" / f"compass-{output}.elf" for output in ("lines", "packets")}
-WORLD = ROOT / "hil" / "rigs" / "virtual-k64f.toml"
+ELFS = {
+    output: ROOT / "src" / "hiltest" / "firmware" / f"compass-{output}.elf"
+    for output in ("lines", "packets", "lis3mdl")
+}
+RIGS = ROOT / "hil" / "rigs"
+WORLD = RIGS / "virtual-k64f.toml"
 MOUNTING_DEG = 1.7
 POSES = (Pose(0.0), Pose(120.0), Pose(240.0), Pose(90.0, 20.0), Pose(200.0, 0.0, -20.0), Pose(310.0, -20.0))
 HARD_IRON_UT = (2.4, -2.2, 4.0)
@@ -55,8 +59,8 @@ def interface() -> TextInterface:
 class Compass:
     """The firmware on the default bench, from power-on."""
 
-    def __init__(self, elf: Path) -> None:
-        self.bench = VirtualBench(load_rig(WORLD), firmware=elf)
+    def __init__(self, elf: Path, rig: Path = WORLD) -> None:
+        self.bench = VirtualBench(load_rig(rig), firmware=elf)
         self.bench.power_on()
 
     def listened(self, seconds: float) -> bytes:
@@ -69,8 +73,7 @@ class Compass:
 class Said:
     """Lines as a session hears them: before a calibration, during a tumble, and at known angles behind it."""
 
-    def __init__(self) -> None:
-        compass = Compass(ELFS["lines"])
+    def __init__(self, compass: Compass) -> None:
         text = interface()
         self.all: list[Observation] = []
 
@@ -94,9 +97,14 @@ class Said:
         self.not_understood = text.not_understood
 
 
-@pytest.fixture(scope="module")
-def output() -> Said:
-    return Said()
+@pytest.fixture(
+    scope="module",
+    params=[("lines", WORLD), ("lis3mdl", RIGS / "lis3mdl-compass.toml")],
+    ids=["MAG3110", "LIS3MDL"],
+)
+def output(request: pytest.FixtureRequest) -> Said:
+    elf, rig = request.param
+    return Said(Compass(ELFS[elf], rig))
 
 
 def of(quantity: Quantity, observed: Sequence[Observation]) -> list[NDArray[np.float64]]:
@@ -156,11 +164,12 @@ def test_what_it_prints_of_its_calibration_is_what_it_does(output: Said) -> None
     np.testing.assert_allclose(last[Quantity.MAGNETOMETER_CALIBRATED], field, atol=0.0225)
 
 
-def test_a_board_without_sensors_says_so_once_a_second() -> None:
-    machine = VirtualK64F(ELFS["lines"])
+@pytest.mark.parametrize(("elf", "magnetometer"), [("lines", "MAG3110"), ("lis3mdl", "LIS3MDL")])
+def test_a_board_without_sensors_says_so_once_a_second(elf: str, magnetometer: str) -> None:
+    machine = VirtualK64F(ELFS[elf])
     machine.run_until(2.5)
     observed = interface().feed(machine.uart0.host_read(machine.uart0.host_waiting), 2.5)
-    assert [reading.error for reading in observed] == ["MAG3110"] * 3
+    assert [reading.error for reading in observed] == [magnetometer] * 3
 
 
 class Sent:

@@ -16,7 +16,7 @@ from hiltest.log_fitting.followed_columns import subtract_followed
 from hiltest.log_fitting.sample_fit import fit_on_host
 from hiltest.log_fitting.sample_fit_exports import export_ardupilot, export_json
 
-from ..calibration.hand_turned import TRUTH, hand_turned
+from ..calibration.hand_turned import TRUTH, hand_turned, lasting
 
 _VECTOR = np.array([0.6, -0.4, 0.2])
 
@@ -47,6 +47,24 @@ def test_the_calibration_is_that_of_the_readings_without_the_current(tmp_path: P
     assert np.linalg.norm(np.array(current.vector) - _VECTOR) < 2.5 * current.error
     np.testing.assert_allclose(fit.best.hard_iron, TRUTH.hard_iron, atol=0.3)
     assert fit.best.residual_percent == pytest.approx(fit.following.after_percent, rel=0.1)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("unit", ["A", "degC"])
+def test_the_vector_is_within_twice_its_stated_error_in_95_percent_of_50_logs(tmp_path: Path, unit: str) -> None:
+    within = 0
+    for seed in range(50):
+        random = np.random.default_rng(seed)
+        steps = np.repeat(np.abs(random.normal(6.0, 5.0, 30)), 40)
+        followed = steps if unit == "A" else np.linspace(20.0, 40.0, 1200) + lasting(random, 1200, 5.0)[:, 0]
+        vector = random.normal(0.0, {"A": 0.5, "degC": 0.2}[unit], 3)
+        path = tmp_path / "log.csv"
+        rows = np.column_stack([hand_turned(seed, 1200) + np.outer(followed, vector), followed])
+        np.savetxt(path, rows, fmt="%.4f", delimiter=",", header=f"mx_uT,my_uT,mz_uT,followed [{unit}]", comments="")
+        _, following = subtract_followed(read_samples(path), [f"followed [{unit}]"])
+        (column,) = following.columns
+        within += bool(np.linalg.norm(np.array(column.vector) - vector) <= 2.0 * column.error)
+    assert within >= 48
 
 
 def test_the_hard_iron_is_stated_at_the_mean_of_a_column_that_is_never_near_zero(tmp_path: Path) -> None:

@@ -283,3 +283,11 @@ def test_a_text_above_and_a_cut_line_below_are_skipped_and_said(tmp_path: Path) 
     path.write_text("\n".join(["Logger: 7", HEADER, *(f"{n / 100},1,2,{n}" for n in range(20)), "0.2,1"]))
     log = read_rate_log(path)
     assert (len(log.rates), len(log.notes)) == (20, 2)
+
+
+def test_a_clock_goes_on_over_midnight(tmp_path: Path) -> None:
+    clocks = [f"{'23:59:59' if row < 50 else '00:00:00'}.{row % 50 * 20:03d}" for row in range(100)]
+    log = read_rate_log(written(tmp_path, "time,gx_dps,gy_dps,gz_dps", *(f"{clock},1,2,3" for clock in clocks)))
+    assert (log.rate_hz, log.rows, log.gaps) == (pytest.approx(50.0), 100, 0)
+    with pytest.raises(ConfigError, match=r"log\.csv:4: the time 43200 is before the one above it, 43201"):
+        read_rate_log(written(tmp_path, "time,gx_dps,gy_dps,gz_dps", *(f"12:00:0{n},1,2,3" for n in (0, 1, 0))))

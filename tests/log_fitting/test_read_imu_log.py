@@ -274,3 +274,12 @@ def test_a_log_in_any_form_is_read_and_what_was_assumed_is_said(tmp_path: Path) 
     assert "Are these m/s2? use --accelerometer-unit m/s2." in read.notes[-1]
     read = read_imu_log(tmp_path / "log.jsonl", acceleration_unit=AccelerationUnit.MS2)
     assert read.notes == ("Lists of three numbers in JSON were taken as x, y and z.",)
+
+
+def test_a_clock_goes_on_over_midnight(tmp_path: Path) -> None:
+    clocks = [f"{'23:59:59' if row < 50 else '00:00:00'}.{row % 50 * 20:03d}" for row in range(100)]
+    log = text(tmp_path / "log.csv", "time,ax,ay,az", *(f"{clock},1,2,{row}" for row, clock in enumerate(clocks)))
+    np.testing.assert_allclose(np.diff(read_imu_log(log).time_s), 0.02, atol=1e-9)
+    back = text(tmp_path / "back.csv", "time,ax,ay,az", *(f"12:00:0{second},1,2,3" for second in (0, 1, 0)))
+    with pytest.raises(ConfigError, match=r"back\.csv:4: column time: time 43200 is not after 43201"):
+        read_imu_log(back)

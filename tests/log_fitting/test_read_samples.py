@@ -280,8 +280,13 @@ def test_a_hint_is_a_command_that_reads_readings(tmp_path: Path, header: str, co
 
 
 def test_a_file_with_the_name_of_another_sensor_needs_names(tmp_path: Path) -> None:
-    for header, is_refused in (("time,z,y,x", True), ("time,mz,my,mx", False)):
-        path = tmp_path / "Accelerometer.csv"
+    for file, header, is_refused in (
+        ("Accelerometer", "time,z,y,x", True),
+        ("Accelerometer", "time,mz,my,mx", False),
+        ("run_a", "time,z,y,x", False),
+        ("log-g", "time,z,y,x", False),
+    ):
+        path = tmp_path / f"{file}.csv"
         path.write_text(f"{header}\n0,3,-2,1.5\n1,-6.25,5,4\n")
         np.testing.assert_array_equal(read_samples(path, columns="4,3,2").points, _NUMBERS)
         if is_refused:
@@ -409,7 +414,9 @@ def _dialects(draw: st.DrawFn) -> tuple[str, FieldUnit, bool]:
     prefix = draw(
         st.sampled_from(["", "", "I ({}) compass: ", "[00:00:01.{:03}] ", "\x1b[0;32m", "12:00:00.{:03} -> "])
     )
-    style = draw(st.sampled_from(["table", "units row", "pairs", "list", "axes", "json", "document"]))
+    style = draw(
+        st.sampled_from(["table", "units row", "bars", "pairs", "list", "axes", "sentence", "json", "document"])
+    )
     if style in ("table", "units row"):
         separator = draw(st.sampled_from([",", ";", "\t"]))
         heads = [*(["time"] if has_times else []), *names]
@@ -420,11 +427,27 @@ def _dialects(draw: st.DrawFn) -> tuple[str, FieldUnit, bool]:
             lines = [separator.join(heads), separator.join(units)]
         rows = [separator.join([*([time] if has_times else []), *row]) for time, row in zip(times, cells, strict=True)]
         return "\n".join([*lines, *rows]) + "\n", FieldUnit(unit), has_times
+    if style == "bars":
+        heads = [*(["time"] if has_times else []), *(f"{name} [{unit}]" for name in names)]
+        heads[0] = heads[0].replace("time", f"time_{step}")
+        rows = [[*([time] if has_times else []), *row] for time, row in zip(times, cells, strict=True)]
+        bars = [f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows)]
+        return "\n".join(bars) + "\n", FieldUnit(unit), has_times
+    if style == "sentence":
+        counts = draw(st.sampled_from(["{},", "{} ", "0x{:04X} ", "7,", ""]))
+        lines = [f"{counts.format(row)}{x}, {y}, {z}" for row, (x, y, z) in enumerate(cells)]
+        if counts.startswith("0x"):
+            lines = [f"{counts.format(row)}{label}: {x} {y} {z} {unit}" for row, (x, y, z) in enumerate(cells)]
+        else:
+            lines = [f"${label.split()[0]},{line} {unit}, |m| = 50" for line in lines]
+        return "\n".join(lines) + "\n", FieldUnit(unit), False
     if style in ("json", "document"):
+        beside = draw(st.booleans())
         objects = [
             {
                 **({f"time_{step}": float(time)} if has_times else {}),
-                f"mag_{unit}": dict(zip("xyz", point, strict=True)),
+                ("mag" if beside else f"mag_{unit}"): dict(zip("xyz", point, strict=True))
+                | ({"unit": unit} if beside else {}),
             }
             for time, point in zip(times, points.tolist(), strict=True)
         ]
@@ -455,6 +478,47 @@ def test_a_cloud_in_any_form_and_unit_comes_back(
     if has_times:
         assert cloud.time_s is not None
         np.testing.assert_allclose(np.diff(cloud.time_s), 0.02, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        # Four numbers of which the first is no counter, and two sensors with numbers of their own.
+        "MAG,{x},{y},{z},{x}",
+        "MAG,{odd},{x},{y},{z}",
+        # Which of two readings with one name is meant?
+        "x: {x} y: {y} z: {z} x: {y} y: {z} z: {x}",
+        # Rows of two boards, A and B, not of acceleration and field.
+        "A,{x},{y},{z}\nB,{y},{z},{x}",
+        # Accelerations and rates.
+        "X: {x} Y: {y} Z: {z} m/s^2",
+        "AR,{x},{y},{z}\nGR,{y},{z},{x}",
+        # Readings of particulate matter by the numbers of their channels.
+        "sensor@1e (channel 23): {x}\nsensor@1e (channel 24): {y}\nsensor@1e (channel 25): {z}",
+        # Two instances of one sensor.
+        "MAG_X[0]: {x}, MAG_Y[0]: {y}, MAG_Z[0]: {z}\nMAG_X[1]: {y}, MAG_Y[1]: {z}, MAG_Z[1]: {x}",
+    ],
+)
+def test_a_log_that_has_two_meanings_is_refused(tmp_path: Path, form: str) -> None:
+    lines = [form.format(x=f"{x:.3f}", y=f"{y:.3f}", z=f"{z:.3f}", odd=row % 2) for row, (x, y, z) in enumerate(_CLOUD)]
+    with pytest.raises(ConfigError, match=r"cannot tell which columns are the magnetometer|more than one magnetometer"):
+        _read(tmp_path, "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("first", ["{row}", "{clock}", "7"])
+def test_a_number_before_three_readings_is_none_of_them(tmp_path: Path, first: str) -> None:
+    lines = [
+        f"MAG {first.format(row=row, clock=f'12:00:{row // 50:02}.{row % 50 * 20:03}')} {x:.3f} {y:.3f} {z:.3f}"
+        for row, (x, y, z) in enumerate(_CLOUD)
+    ]
+    np.testing.assert_allclose(_read(tmp_path, "\n".join(lines)).points, _CLOUD, atol=1e-3)
+    with pytest.raises(ConfigError, match="cannot tell which columns are the magnetometer"):
+        _read(tmp_path, "\n".join(lines[:10]))  # too few rows to know
+
+
+def test_a_magnetometer_that_is_written_twice_is_one(tmp_path: Path) -> None:
+    lines = [f"magnetometro X={x:.3f}, Y={y:.3f}, Z={z:.3f}\nMAG,{x:.3f},{y:.3f},{z:.3f}" for x, y, z in _CLOUD]
+    np.testing.assert_allclose(_read(tmp_path, "\n".join(lines)).points, _CLOUD, atol=1e-3)
 
 
 def _what_is_read(path: Path) -> list[object] | str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.ndimage import gaussian_filter1d
 
 from hiltest.boards import Board
 from hiltest.calibration import FASTER, FIRMWARE, FOR_COMPARISON, REFERENCES, FitStatus
@@ -357,6 +358,29 @@ def test_a_walk_through_a_house_is_refused(seed: int) -> None:
     assert fit.best.verdict is Acceptance.REFUSED
     ridge = fit_by_shape(_cloud(indoor_walk(seed)), Shape.RIDGE)
     assert _reasons(ridge)["residual_of_spread"] is Acceptance.REFUSED
+
+
+@pytest.mark.ci
+def test_of_two_hundred_walks_at_most_two_give_a_calibration() -> None:
+    """A sensor without iron has no error, so any calibration of a walk makes it worse."""
+    verdicts = [fit_on_host(_cloud(indoor_walk(seed))).best.verdict for seed in range(200)]
+    assert sum(verdict is not Acceptance.REFUSED for verdict in verdicts) <= 2
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("smallest_ut", "largest_ut"), [(1.5, 6.0), (10.0, 100.0)])
+def test_of_two_hundred_clouds_with_iron_none_is_refused(smallest_ut: float, largest_ut: float) -> None:
+    """Also with hard iron that is hardly larger than the noise of 0.2 to 0.6 uT."""
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        directions = gaussian_filter1d(random.normal(size=(1500, 3)), 20.0, axis=0)
+        iron_ut = random.normal(size=3)
+        iron_ut *= random.uniform(smallest_ut, largest_ut) / np.linalg.norm(iron_ut)
+        points_ut = 48.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + iron_ut
+        points_ut += random.normal(0.0, random.uniform(0.2, 0.6), (1500, 3))
+        fit = fit_on_host(_cloud(points_ut))
+        assert fit.best.verdict is Acceptance.GOOD
+        np.testing.assert_allclose(fit.best.hard_iron, iron_ut, atol=0.5)  # a third of the smallest
 
 
 def test_a_sensor_without_iron_is_refused_and_one_with_iron_of_its_noise_is_not() -> None:

@@ -116,8 +116,9 @@ def test_an_interrupt_pin_is_wired_to_the_processor(tmp_path: Path) -> None:
     assert bench.machine.level("PTC5")
 
 
-def test_a_part_on_spi_answers_to_its_chip_select(tmp_path: Path) -> None:
-    rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n')
+def test_a_part_on_spi_answers_to_its_chip_select_unless_it_is_absent(tmp_path: Path) -> None:
+    absent = '\n[faults]\nsensor = { part = "lis3mdl", fault = "absent", for_s = 0.5 }\n'
+    rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n' + absent)
     bench = VirtualBench(rig)
     bench.power_on()
     registers, spi = bench.machine.bus, 0x4002C000
@@ -125,10 +126,16 @@ def test_a_part_on_spi_answers_to_its_chip_select(tmp_path: Path) -> None:
     registers.write(0x4004C000, 4, 2 << 8)  # PORTD_PCR0: SPI0_PCS0
     registers.write(spi, 4, 1 << 31 | 1 << 16)  # MCR: master, chip select low when active
     registers.write(spi + 0xC, 4, 7 << 27)  # CTAR0: bytes
-    for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
-        registers.write(spi + 0x34, 4, command)
-    bench.machine.run_until(bench.time_s + 1e-3)
-    assert [registers.read(spi + 0x38, 4) for _ in range(2)] == [0xFF, 0x3D]
+
+    def identity() -> list[int]:
+        for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
+            registers.write(spi + 0x34, 4, command)
+        bench.machine.run_until(bench.time_s + 1e-3)
+        return [registers.read(spi + 0x38, 4) for _ in range(2)]
+
+    assert identity() == [0xFF, 0xFF]
+    bench.machine.run_until(0.8)
+    assert identity() == [0xFF, 0x3D]
 
 
 def test_the_mag3110_of_the_shield_can_be_wired(tmp_path: Path) -> None:
@@ -166,6 +173,18 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             "address = 0x1E",
             "lis3mdl and fxos8700cq have the same address 0x1e on i2c1",
         ),
+        (
+            'part = "lsm303agr"',
+            (),
+            "[[sensors.parts]]",
+            "lsm303agr and fxos8700cq have the same address 0x1e on i2c1",
+        ),
+        (
+            'part = "lis3mdl"\ninterrupts = { INT = "PTF9" }',
+            (),
+            'interrupts = { INT = "PTF9" }',
+            "names no pin of the processor: PTF9; write PTA0 to PTE31",
+        ),
         ('part = "lis3mdl"\naddress = 0x20', (), "address = 0x20", "lis3mdl answers at 0x1c or 0x1e only"),
         ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),
         ('part = "fxas21002c"\naxes = ["x", "y", "z"]', (), 'axes = ["x", "y", "z"]', "is a key of [world] for"),
@@ -185,7 +204,31 @@ def test_mistakes_are_refused_with_their_line(tmp_path: Path, addition: str, cha
     assert sentence in refused_sentence
 
 
+@pytest.mark.parametrize(
+    ("name", "pins", "addresses"),
+    [
+        ("lsm303agr", 'INT_1_XL = "PTC5", INT_MAG = "PTB9"', [0x0E, 0x19, 0x1E]),
+        ("lsm6ds3trc", 'INT2 = "PTC5"', [0x0E, 0x6A]),
+        ("lsm9ds1", '"INT1_A/G" = "PTC5", DRDY_M = "PTB9"', [0x0E, 0x1E, 0x6B]),
+        ("icm20948", 'INT1 = "PTC5"', [0x0C, 0x0E, 0x69]),
+    ],
+)
+def test_all_devices_of_a_package_are_on_the_bus(tmp_path: Path, name: str, pins: str, addresses: list[int]) -> None:
+    part = f'\n[[sensors.parts]]\npart = "{name}"\ninterrupts = {{ {pins} }}\n'
+    rig = rig_with(tmp_path, part, ("[world]\n", '[world]\nfitted = ["mag3110"]\n'))
+    assert sorted(device.address for device in build_sensors(rig, build_world(rig), seed=1)["i2c1"]) == addresses
+    VirtualBench(rig)  # it connects the pins of each device
+
+
 def test_parts_are_of_a_virtual_board() -> None:
     real = RIG.with_name("frdm-k64f.toml")
     with pytest.raises(ConfigError, match=r'sensors\.parts: requires a board of kind "virtual"'):
         parse_rig(real, real.read_bytes() + LIS3MDL.encode())
+
+
+def test_pins_are_those_of_the_rig_s_board() -> None:
+    microbit = RIG.with_name("microbit-v1.toml")
+    content = microbit.read_bytes()
+    parse_rig(microbit, content)
+    with pytest.raises(ConfigError, match=r"interrupts: names no pin of the processor: PTB9; write P0\.0 to P0\.31"):
+        parse_rig(microbit, content.replace(b'"P0.29"', b'"PTB9"'))

@@ -12,7 +12,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.log_fitting import Samples, read_samples
-from hiltest.measurement.units import FieldUnit
+from hiltest.measurement.units import AccelerationUnit, FieldUnit
 
 POINTS = np.round(np.random.default_rng(2).uniform(-600.0, 600.0, (50, 3)))
 
@@ -32,10 +32,34 @@ def test_ardupilot_s_log(tmp_path: Path, require_module: Callable[[str], None]) 
 
     content = form(0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
     content += form(0x81, 18, b"MAG", b"QBhhh", b"TimeUS,I,MagX,MagY,MagZ")
+    content += form(0x82, 24, b"IMU", b"QBfff", b"TimeUS,I,AccX,AccY,AccZ")
     for row, point in enumerate(POINTS.astype(int).tolist()):
-        content += struct.pack("<3BQB3h", 0xA3, 0x95, 0x81, 20_000 * row + 7_000_000, 0, *point)
+        time_us = 20_000 * row + 7_000_000
+        content += struct.pack("<3BQB3h", 0xA3, 0x95, 0x81, time_us, 0, *point)
+        for instance in (0, 1):
+            content += struct.pack("<3BQB3f", 0xA3, 0x95, 0x82, time_us + 5_000, instance, row, -row, 9.8 + instance)
     path = tmp_path / "flight.bin"
     path.write_bytes(content)
+    samples = read_samples(path)
+    check(samples, FieldUnit.MG, 1.0)
+    # The first accelerometer is a quarter of a step behind the magnetometer, and has none before the first reading.
+    assert samples.acceleration is not None
+    assert samples.acceleration_unit is AccelerationUnit.MS2
+    expected = np.column_stack([np.arange(50) - 0.25, 0.25 - np.arange(50), np.full(50, 9.8)])
+    np.testing.assert_allclose(samples.acceleration[1:], expected[1:], rtol=1e-6)
+    assert np.isnan(samples.acceleration[0]).all()
+    assert "The acceleration at 49 of 50 readings was interpolated between its own rows." in samples.notes
+
+
+def test_ardupilot_s_log_as_text(tmp_path: Path, require_module: Callable[[str], None]) -> None:
+    require_module("pymavlink")
+    lines = [
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
+        "FMT, 129, 18, MAG, QBhhh, TimeUS,I,MagX,MagY,MagZ",
+        *(f"MAG, {20_000 * row + 7_000_000}, 0, {x:.0f}, {y:.0f}, {z:.0f}" for row, (x, y, z) in enumerate(POINTS)),
+    ]
+    path = tmp_path / "flight.log"
+    path.write_text("\n".join(lines) + "\n")
     check(read_samples(path), FieldUnit.MG, 1.0)
 
 

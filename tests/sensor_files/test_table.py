@@ -389,3 +389,9 @@ def test_a_line_that_is_refused_is_named_wherever_it_stands(
     path.write_text("".join(lines), newline="", encoding="utf-8")
     with pytest.raises(ConfigError, match=rf":{place + 1}: .*{complaint}"):
         read_samples(path)
+
+
+def test_a_quote_in_a_table_of_rows_of_sensors_is_refused_with_its_line(tmp_path: Path) -> None:
+    rows = ["sensor,t,x,y,z", *(f"{sensor},{row},1,2,{row}" for row in range(60) for sensor in ("ACC", "MAG"))]
+    with pytest.raises(ConfigError, match=r"log\.txt:122: a quote is opened and not closed"):
+        read(tmp_path, "\n".join([*rows, 'MAG,60,"1,2,3', "MAG,61,1,2,3"]) + "\n")

@@ -114,3 +114,9 @@ def test_a_table_that_does_not_end_is_refused(tmp_path: Path, monkeypatch: pytes
     path = table(tmp_path / "field.csv", HEADER, *(f"{n},1,2,3" for n in range(4)))
     with pytest.raises(ConfigError, match="more than 3 rows; cut the file"):
         read_table(path, given())
+
+
+def test_a_clock_goes_on_over_midnight(tmp_path: Path) -> None:
+    rows = ["23:59:59.980,1,2,3", "00:00:00.000,4,5,6", "00:00:00.020,7,8,9"]
+    tracks = read_table(table(tmp_path / "field.csv", "time,mx_uT,my_uT,mz_uT", *rows), given()).tracks
+    np.testing.assert_allclose(np.diff(tracks[MAGNETOMETER].times_s), 0.02, atol=1e-9)

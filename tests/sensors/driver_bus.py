@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import ModuleType
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 
 from hiltest.orientation.angles import Pose
 from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
+from hiltest.virtual.peripherals.spi_bus import SpiBus, SpiDevice
 from hiltest.world import EarthField, Temperature, World
 from hiltest.world.sensors import SensorSetup, TableSensor
 
@@ -84,6 +85,50 @@ class DriverI2c:
             raise OSError(f"no part acknowledges address 0x{byte >> 1:02x}")
 
 
+class DriverSpi:
+    """The methods of `busio.SPI` that drivers call."""
+
+    def __init__(self, parts: Mapping[str, SpiDevice], clock: DriverClock) -> None:
+        self.bus = SpiBus(parts)
+        self.clock = clock
+
+    def try_lock(self) -> bool:
+        return True
+
+    def unlock(self) -> None:
+        pass
+
+    def configure(self, **settings: int) -> None:
+        assert settings["phase"] == settings["polarity"] == 1, "the parts of ST take bits at the rising edge"
+
+    def write(self, buffer: bytes, *, start: int = 0, end: int | None = None) -> None:
+        for value in bytes(buffer)[start:end]:
+            self.bus.exchange(value, self.clock.byte_s())
+
+    def readinto(self, buffer: bytearray, *, start: int = 0, end: int | None = None) -> None:
+        for index in range(*slice(start, end).indices(len(buffer))):
+            buffer[index] = self.bus.exchange(0, self.clock.byte_s())
+
+
+class ChipSelect:
+    """The attributes of `digitalio.DigitalInOut` that drivers set."""
+
+    def __init__(self, spi: DriverSpi, pin: str) -> None:
+        self._spi, self._pin = spi, pin
+
+    def switch_to_output(self, value: bool) -> None:
+        self.value = value
+
+    @property
+    def value(self) -> bool:
+        return self._level
+
+    @value.setter
+    def value(self, high: bool) -> None:
+        self._level = high
+        self._spi.bus.set_select(self._pin, high, self._spi.clock.now_s)
+
+
 def import_driver(
     name: str, clock: DriverClock, monkeypatch: pytest.MonkeyPatch, require_module: Callable[[str], None]
 ) -> ModuleType:
@@ -122,3 +167,10 @@ def samples_per_s(part: TableSensor, clock: DriverClock, output: int = 0) -> int
     """Number of samples within a second, after a second to start."""
     clock.sleep(1.0)
     return part.outputs[output].latest(clock.now_s + 1.0) - part.outputs[output].latest(clock.now_s)
+
+
+def turn(part: TableSensor, clock: DriverClock) -> np.ndarray:
+    """Begin a long turn about the vertical at 30 deg/s; return the rate along the board's axes."""
+    part.setup.world.turn_round(3600.0, rate_dps=30.0, time_s=clock.now_s)
+    clock.sleep(1.0)
+    return np.array(part.setup.world.state_at(clock.now_s).rate_body_dps)

@@ -74,8 +74,9 @@ def test_a_model_survives_whatever_is_written(model: type[TableSensor], accesses
 @pytest.mark.parametrize("model", [model for model in EVERY_MODEL if any(model.table.resetting.values())])
 def test_a_reset_by_software_restores_every_setting(model: type[TableSensor]) -> None:
     part = model(setup())
-    before = part.settings()
     (address, bit), *_ = ((address, bit) for address, bit in model.table.resetting.items() if bit)
+    write(part, 0.4, address & 0xFF, bit)
+    before = part.settings()
     for register in part.settings():
         if register != address:
             write(part, 0.5, register & 0xFF, 0x55 & ~model.table.resetting.get(register, 0))

@@ -7,7 +7,7 @@ import pytest
 from hiltest.errors import BoardFault
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.part.chip import mk64f12
-from hiltest.virtual.peripherals.unmodelled import UnmodelledWarning
+from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledWarning
 
 from .conftest import SHIPPED, Build, follow, word
 
@@ -137,3 +137,69 @@ def test_the_chips_tables_are_whole() -> None:
     assert chip.register_name(0x4006A007) == "UART0_D"
     assert chip.register_name(0x400380A0) == "FTM0+0x0A0"
     assert chip.register_name(0x40010000) is None
+
+
+USB_INTERRUPT = "WORD(0xE000E104) = 1u << 21;"  # interrupt 53
+
+
+@pytest.mark.parametrize("wait", ['for (;;) __asm__ volatile ("wfi");', "while (!after) {}"], ids=["asleep", "loop"])
+def test_who_waits_for_an_interrupt_of_a_module_that_is_not_modelled_is_told_so_once(build_c: Build, wait: str) -> None:
+    source = program(f"{USB_INTERRUPT} {wait}").replace("unsigned before, after", "volatile unsigned before, after")
+    board = VirtualK64F(build_c(source))
+    messages: list[str] = []
+    board.report_waits(messages.append)
+    board.run_until(0.01)
+    board.run_until(0.02)
+    (message,) = messages
+    clause = ", with interrupts of USB0 enabled, which the virtual board does not model"
+    assert message.startswith(f"firmware waits{clause}, at 0x")
+    assert " in timer_init (program.c:" in message
+    assert clause in board.position()
+
+
+@pytest.mark.parametrize(
+    ("interrupt", "module"),
+    [(40, "CMP0"), (45, "CMT"), (52, "PDB0"), (56, "DAC0"), (75, "CAN0"), (81, "SDHC"), (74, "I2C2")],
+)
+def test_every_module_that_is_not_modelled_is_named_by_its_interrupt(
+    build_c: Build, interrupt: int, module: str
+) -> None:
+    enable = f"WORD(0x{0xE000E100 + interrupt // 32 * 4:08x}) = 1u << {interrupt % 32};"
+    board = VirtualK64F(build_c(program(f'{enable} for (;;) __asm__ volatile ("wfi");')))
+    board.report_waits(lambda _line: None)
+    board.run_until(0.01)
+    assert f"with interrupts of {module} enabled" in board.position()
+
+
+def test_an_interrupt_that_a_modelled_module_shares_is_named_only_if_the_other_one_is_used(build_c: Build) -> None:
+    for use, is_named in (("", False), ("WORD(0x40048034) |= 2; BYTE(0x40061000) = 9;", True)):  # WDOG, EWM
+        body = f'{use} WORD(0xE000E100) = 1u << 22; for (;;) __asm__ volatile ("wfi");'
+        board = VirtualK64F(build_c(program(body)))
+        board.report_waits(lambda _line: None)
+        board.run_until(0.01)
+        assert ("EWM" in board.position()) is is_named
+
+
+def test_modelled_interrupts_are_no_remark(build_c: Build) -> None:
+    board = VirtualK64F(build_c(program('WORD(0xE000E104) = 1u << 16; for (;;) __asm__ volatile ("wfi");')))  # PIT
+    board.run_until(0.01)
+    assert "not model" not in board.position()
+
+
+@pytest.mark.parametrize("other", ["WORD(0x40036004) = 1;", "WORD(0x400FF08C) = 2;"], ids=["write", "another module"])
+def test_polling_between_writes_is_counted_without_python(
+    other: str, build_c: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reports, take = [], UnmodelledLog._take
+    monkeypatch.setattr(
+        UnmodelledLog, "_take", lambda log, access: (reports.append(access.place), take(log, access))[1]
+    )
+    on = f"{PDB0_ON} WORD(0x40048038) |= 0x3E00;"
+    board = VirtualK64F(build_c(program(f"{on} while (!(WORD(0x40036000) & 0x40)) {{ {other} }}")))
+    board.report_waits(lambda _line: None)
+    board.run_until(0.05)
+    assert len(reports) < 6
+    assert sum(access.accesses for access in board.unmodelled if access.register == "PDB0_SC") > 50_000
+    reports.clear()
+    board.run_until(0.1)
+    assert not reports

@@ -177,6 +177,8 @@ class VirtualBench:
             else:
                 spi[place.bus][place.chip_select] = parts[name]
         self.machine = self._make_machine(i2c, spi, base=base, flash_file=flash_file)
+        for uart in self.machine.uarts:
+            uart.line_baud = rig.link.baud
         self.execution = ExecutionWatch(self.machine.processor) if watches_execution else None
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed

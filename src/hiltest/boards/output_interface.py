@@ -24,7 +24,9 @@ from hiltest.errors import (
     VersionMismatchError,
 )
 from hiltest.interfaces.kinds import Decoder, feed_decoder, open_interfaces, sources_of
+from hiltest.interfaces.line_input import LineInput
 from hiltest.interfaces.quantities import Moment, Observation, Quantity, StreamInterface
+from hiltest.interfaces.text_interface import TextInterface
 from hiltest.link.ports import SerialPort
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.rig import Rig
@@ -103,7 +105,7 @@ class OutputInterface:
         self.latest: dict[Quantity, NDArray[np.float64]] = {}
         self.errors: Counter[str] = Counter()
         self._read_at_s: dict[str, float] = {}
-        self._heard = 0
+        self._input = LineInput()
         self._heard_at_s = -math.inf
         self._asked_at_s = -math.inf
         self._is_answered = True
@@ -123,11 +125,12 @@ class OutputInterface:
         while not any(observation.values for observation in self.observe(_SLICE_S)):
             if self.now_s() < began_s + _SILENT_S:
                 continue
-            if not self._heard:
+            if not self._input.count:
                 raise DeviceSilentError(self.device.start_s + _SILENT_S, self.clock, self.position())
-            raise VersionMismatchError(
-                self._not_understood(f"{self._heard} bytes arrived, and none could be interpreted")
-            )
+            is_text = all(isinstance(decoder, TextInterface) for decoder in self.decoders.values())
+            remark = self._input.remark(self.now_s(), wrong_speed=self._wrong_speed(), is_text=is_text)
+            counted = f"{self._input.count} bytes arrived, and none could be interpreted"
+            raise VersionMismatchError(self._not_understood(counted, remark))
 
     def heading_missing(self, seconds: float, window: Sequence[Observation]) -> HiltestError:
         """Return why an interval brought no heading: the firmware fell silent, or its output has none.
@@ -147,9 +150,13 @@ class OutputInterface:
             )
         )
 
-    def _not_understood(self, summary: str) -> str:
+    def _wrong_speed(self) -> str:
+        speeds: str = getattr(self._port, "wrong_speed", "")
+        return speeds
+
+    def _not_understood(self, summary: str, remark: str = "") -> str:
         """Return a message with all that helps to find the reason."""
-        reasons = [f"it reports {text!r}" for text in self.errors] + list(self.remarks())
+        reasons = [*([remark] if remark else []), *(f"it reports {text!r}" for text in self.errors), *self.remarks()]
         return (
             "; ".join(
                 [
@@ -250,7 +257,8 @@ class OutputInterface:
             data = bytes(self._port.read(_MOST_BYTES))
         if data:
             self._note(Direction.TO_HOST, data)
-            self._heard, self._heard_at_s = self._heard + len(data), self.now_s()
+            self._input.take(data)
+            self._heard_at_s = self.now_s()
             self._first += data[: _SHOWN_BYTES - len(self._first)]
         return data
 

@@ -16,6 +16,7 @@ from typing import Protocol, Self
 from hiltest.boards.bench import START_UP_S, VirtualBench
 from hiltest.boards.served_lines import PortLine
 from hiltest.errors import BenchError, BoardFault
+from hiltest.interfaces.line_input import LineInput
 from hiltest.orientation.angles import Pose
 from hiltest.virtual.board.machine_chip import SerialLine
 from hiltest.virtual.board.virtual_machine import VirtualMachine
@@ -57,11 +58,17 @@ class SerialPortOfBoard:
     ----------
     uart
         UART of the board; by default UART0.
+
+    Attributes
+    ----------
+    input : LineInput
+        Count of the bytes that the board has sent.
     """
 
     def __init__(self, machine: VirtualMachine, uart: SerialLine | None = None) -> None:
         self._machine = machine
         self._uart = uart or machine.uart0
+        self.input = LineInput()
         self._heard_by_s = 0.0  # virtual time at which everything taken so far will have arrived
 
     @property
@@ -85,7 +92,9 @@ class SerialPortOfBoard:
     def say(self) -> bytes:
         """Fetch the bytes that the board has sent."""
         uart = self._uart
-        return uart.host_read(uart.host_waiting) if uart.host_waiting else b""
+        data = uart.host_read(uart.host_waiting) if uart.host_waiting else b""
+        self.input.take(data)
+        return data
 
 
 class _ServedLine:
@@ -151,6 +160,8 @@ class PacedBench:
         Fault that ended the firmware. A board with a fault is silent and stays on its line.
     behind_s : float
         Delay of the board behind wall time [s].
+    input : LineInput
+        Count of the bytes that the board has sent on its serial port.
     busy_s : float
         Host time spent on emulation [s].
     """
@@ -170,6 +181,7 @@ class PacedBench:
         self._took_s: float | None = None  # set at the end
         self._bench = bench
         port = SerialPortOfBoard(bench.machine)
+        self.input = port.input
         line.queue.keep_limit = port.bytes_queued
         self._served = [_ServedLine(line, port, keeps=True), *(_ServedLine(*other, keeps=False) for other in others)]
         self._clock = threading.Condition()  # guards bench; notified after every step

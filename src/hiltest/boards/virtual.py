@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from types import NoneType
 from typing import Any
@@ -114,7 +114,7 @@ class VirtualBoard(Board):
         self.stage, self.execution = bench, bench.execution
         self.seed, self.truth = bench.seed, truth_of(bench.rig)
         self.firmware_sha256 = hashlib.sha256(Path(bench.firmware).read_bytes()).hexdigest()
-        self.compiler_flags, self.elf_build_id = image.compiler_flags, image.build_id
+        self.elf_build_id = image.build_id
         opening = self._open_protocol if bench.rig.answers_requests else self._open_output
         super().__init__(
             opening(declared, transcript, tape),
@@ -127,6 +127,11 @@ class VirtualBoard(Board):
             except ProtocolError:
                 self.close()
                 raise
+
+    @cached_property
+    def compiler_flags(self) -> str:  # type: ignore[override]  # which recordings may set, as any fact
+        """Compiler flags, read from the debug information at the first request, which takes 0.3 s."""
+        return self._machine.image.compiler_flags
 
     def _open_protocol(self, declared: Declared, transcript: Transcript | None, tape: Tape) -> ProtocolInterface:
         bench = self._bench

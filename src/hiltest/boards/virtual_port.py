@@ -24,6 +24,10 @@ class UartPort(Protocol):
     def host_waiting(self) -> int:
         """Number of bytes that have arrived from the board."""
 
+    @property
+    def wrong_speed(self) -> str:
+        """Sentence about a line whose ends have different speeds; empty otherwise."""
+
     def host_write(self, data: bytes) -> None:
         """Send bytes to the board; they arrive at the pace of the line."""
 
@@ -47,6 +51,9 @@ class Machine(Protocol):
 
     def position(self) -> str:
         """Return a description of the firmware's present activity."""
+
+    def unanswered_part(self) -> str:
+        """Return a sentence about a part that was asked while it was booting; or nothing."""
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
         """Let the board run until a time, or until `wake` says so after bytes arrived that were expected."""
@@ -87,8 +94,14 @@ class VirtualPort(SerialBase):  # type: ignore[misc]  # pyserial publishes no ty
         return self.machine.time_s
 
     def position(self) -> str:
-        """Return a description of the firmware's present activity."""
-        return self.machine.position()
+        """Return a description of the firmware's activity, of a wrong speed, and of a part that did not answer."""
+        remarks = self.machine.uart0.wrong_speed, self.machine.unanswered_part()
+        return "; ".join([self.machine.position(), *filter(None, remarks)])
+
+    @property
+    def wrong_speed(self) -> str:
+        """Sentence of `Uart.wrong_speed`."""
+        return self.machine.uart0.wrong_speed
 
     @property
     def in_waiting(self) -> int:

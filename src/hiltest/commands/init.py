@@ -1,4 +1,4 @@
-"""``hiltest init``: copy suites, rigs, benchmarks and a first baseline for a bench of one's own."""
+"""``hiltest init``: copy suites, rigs, benchmarks and a first baseline for a bench of one's own, or begin a sensor."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Copied:
     """A bench of one's own."""
 
     folder: str
-    """Folder of suites, rigs, benchmarks and a baseline."""
+    """Folder of suites, rigs, benchmarks and a baseline, or of the sensor's files."""
     rig: str | None
     """Rig that was proposed for the firmware; null without one."""
     next: list[str]
@@ -54,15 +54,22 @@ class Copied:
     callback=parsed(file_name),
     help="Propose a rig for this firmware, from its names and texts.",
 )
-def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
+@click.option("--sensor", metavar="NAME", help="Write the frame of a sensor's model into DIR, and nothing else.")
+def init(folder: Path, firmware: str | None, sensor: str | None) -> tuple[int, Copied]:
     """Set up a bench: copy suites, rigs, benchmarks and a baseline.
 
     The files go to DIR/hil. The baseline has the numbers of the packaged firmware on the default rig.
 
     With --firmware, the command also writes a rig with the name of DIR. It searches the ELF for lines, packets and
     variables with a heading, a field or a calibration, and for functions to count. At a terminal it asks which ones to
-    use; otherwise the rig has all of them, uncertain ones as comments.
+    use; otherwise the rig has all of them, uncertain ones as comments. If the ELF is for another chip than the virtual
+    board's, the rig is for a real board.
+
+    With --sensor, the command writes a module, its register table, a test that passes, and a pyproject.toml with the
+    entry point that lets a rig name the sensor.
     """
+    if sensor is not None:
+        return _write_sensor(folder, sensor, firmware)
     from hiltest.rig.bench_files import shipped
 
     source, target = shipped(), folder / "hil"
@@ -89,13 +96,26 @@ def init(folder: Path, firmware: str | None) -> tuple[int, Copied]:
     return 0, Copied(str(target), rig, ["hiltest", "run", *options])
 
 
+def _write_sensor(folder: Path, sensor: str, firmware: str | None) -> tuple[int, Copied]:
+    from hiltest.rig.sensor_frame import write_sensor_frame
+
+    if firmware is not None:
+        raise ConfigError("--sensor and --firmware exclude each other: run hiltest init once for each")
+    files = write_sensor_frame(sensor, folder)
+    click.echo(f"{', '.join(file.name for file in files)} are in {folder}. Next:")
+    click.echo(f"cd {folder} && python -m pytest {files[2].name} && python -m pip install -e .")
+    return 0, Copied(str(folder), None, ["python", "-m", "pytest", files[2].name])
+
+
 def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     """Return name and text of the rig for a firmware."""
     from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
     from hiltest.rig.bench_files import shipped
     from hiltest.virtual.program.elf import load_image
+    from hiltest.virtual.program.other_chips import other_chip
 
-    proposals = look_at(load_image(firmware))
+    image = load_image(firmware)
+    proposals, chip = look_at(image), other_chip(image)
     if proposals.speaks_our_protocol:
         raise ConfigError(
             f"{firmware} speaks hiltest's own protocol and needs no rig of its own: hiltest run --firmware {firmware}"
@@ -113,10 +133,12 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         kind,
         (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"),
         name=name,
-        firmware=os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
+        firmware=None if chip else os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
         choose=choose,
     )
     summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
+    if chip is not None:
+        click.echo(f"{firmware}: {chip}, which the virtual board cannot run: the rig is for its own board")
     click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
     return name, text
 

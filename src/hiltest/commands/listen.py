@@ -56,6 +56,8 @@ class Understood:
     understood: int
     not_understood: int
     """Numbers of lines, packets or readings."""
+    remark: str
+    """Reason why no value was interpreted: a wrong speed, silence, or no line end; empty if there is another one."""
     quantities: dict[str, QuantityRate]
 
 
@@ -97,10 +99,13 @@ def listen(rig: str, port: str | None, firmware: Path | None, seconds: float | N
         listened_s = _listen(opened, trial, [*interfaces.values()], seconds)
     finally:
         opened.close()
-    for sentence in opened.bench.said_of_playback if opened.bench else ():
-        click.echo(sentence, err=True)
+    if opened.bench is not None:
+        for sentence in (*opened.bench.said_of_playback, opened.bench.machine.unanswered_part()):
+            if sentence:
+                click.echo(sentence, err=True)
     rates = {quantity.key: QuantityRate(count, trial.rate_hz(quantity)) for quantity, count in trial.values.items()}
-    return int(not trial.values), Understood(listened_s, trial.understood, trial.not_understood, rates)
+    remark = trial.remark(listened_s, opened.wrong_speed)
+    return int(not trial.values), Understood(listened_s, trial.understood, trial.not_understood, remark, rates)
 
 
 def _table(rig: Rig) -> Device:
@@ -141,6 +146,11 @@ class _Connection:
     def now(self) -> Callable[[], float]:
         """The board's clock, or else the host's."""
         return getattr(self.port, "now", None) or time.monotonic
+
+    @property
+    def wrong_speed(self) -> str:
+        """Sentence about a line whose ends have different speeds; empty if they are equal or unknown."""
+        return self.bench.machine.uart0.wrong_speed if self.bench is not None else ""
 
     def close(self) -> None:
         """Close the port and the debug server."""
@@ -211,7 +221,7 @@ def _listen(opened: _Connection, trial: Trial, interfaces: list[StreamInterface]
                         _show(heard)
     finally:
         listened_s = now() - begin_s
-        click.echo("\n".join(["", *trial.summary(listened_s)]))
+        click.echo("\n".join(["", *trial.summary(listened_s, opened.wrong_speed)]))
     return listened_s
 
 

@@ -250,6 +250,16 @@ def _sum_up(paced: PacedBench, bench: VirtualBench) -> None:
     machine = bench.machine
     for sentence in bench.said_of_playback:
         _tell(sentence)
+    device = bench.rig.device
+    is_text = device is not None and device.kinds == ("text",)
+    remark = paced.input.remark(paced.time_s, wrong_speed=machine.uart0.wrong_speed, is_text=is_text)
+    if remark and not bench.rig.answers_requests:
+        _tell(f"board: {remark}")
+    if unanswered := machine.unanswered_part():
+        _tell(f"board: {unanswered}")
+    for uart in machine.uarts[1:]:
+        if uart.host_waiting:
+            _tell(f"board: {uart.host_waiting} bytes came on {uart.name}: serve it by --uart {uart.name[-1]}")
     for access in machine.unmodelled:
         _tell(f"{access}; {access.accesses} access{'es' if access.accesses > 1 else ''}")
     pace = f"{paced.time_s / paced.wall_s:.2f} x real time, " if paced.wall_s > 0.0 else ""
@@ -281,8 +291,9 @@ def _bench(
         flash_file=Path(flash_file) if flash_file else None,
     )
     bench.machine.report_waits(_tell)
-    for uart in bench.machine.uarts:
-        uart.line_baud = baud or described.link.baud
+    if baud is not None:
+        for uart in bench.machine.uarts:
+            uart.line_baud = baud
     return bench
 
 
@@ -338,8 +349,13 @@ def _watch(paced: PacedBench, machine: VirtualMachine, lines: dict[str, PortLine
     connected: dict[str, bool] = dict.fromkeys(lines, False)
     reported_lost: dict[str, int] = dict.fromkeys(lines, 0)
     pace, rows = _pace(), machine.display_rows()
+    wrong_speed = reported_speed = ""
     while not ending:
         time.sleep(_LOOK_EVERY_S)
+        before, wrong_speed = wrong_speed, machine.uart0.wrong_speed
+        if wrong_speed and wrong_speed == before != reported_speed:  # start-up code may just be setting the speed
+            reported_speed = wrong_speed
+            _tell(f"board: {wrong_speed}")
         for name, line in lines.items():
             if line.connected != connected[name]:
                 connected[name] = line.connected

@@ -55,6 +55,15 @@ converge_s = 60.0    # time for the filter to find the gyroscope's offset
 _RELEASE = """
 [device.fsflk]
 release = "{}"        # 7, 5.00 or 4.22"""
+_REAL_BOARD = """# The ELF is for another chip than the virtual board's, so the rig is for its own board.
+[board]
+kind = "real"
+# port = "/dev/ttyACM0"    # or --port
+
+[turntable]
+kind = "operator"          # asks for each angle and waits for Enter
+uncertainty_deg = 0.5      # divided circle, set and read by hand (k = 2)
+tumble_s = 45.0"""
 _NO_DEVICE = """# No name or text in the ELF is certainly a heading. Without a table [device], hiltest expects firmware
 # with its own protocol. Describe the output of yours: docs/compass.md lists the kinds.
 # [device]
@@ -157,7 +166,13 @@ def chosen_kind(proposals: Proposals, choose: Choose | None) -> InterfaceKind | 
 
 
 def rig_text(
-    proposals: Proposals, kind: InterfaceKind | None, base: str, *, name: str, firmware: str, choose: Choose | None
+    proposals: Proposals,
+    kind: InterfaceKind | None,
+    base: str,
+    *,
+    name: str,
+    firmware: str | None,
+    choose: Choose | None,
 ) -> str:
     """Return the text of a rig.
 
@@ -166,21 +181,23 @@ def rig_text(
     base
         Text of the rig `Proposals.base_rig`.
     name, firmware
-        Name of the rig; path of the ELF from the rig's folder.
+        Name of the rig; path of the ELF from the rig's folder, None if only a real board runs it.
     choose
         Asks the user; None without a user: only sure candidates are used.
     """
     remark = f"# Incomplete: {_legible(proposals.remark)}\n" if proposals.remark else ""
-    world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(_WORLD)})\]$", part)]
+    tables = _WORLD if firmware is not None else [table for table in _WORLD if table not in ("world", "turntable")]
+    world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(tables)})\]$", part)]
     counted = [f"{function} = {json.dumps(function)}" for function in proposals.functions]
+    board = f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}'
     parts = [
         f"# {name}: proposed by hiltest from an ELF's names and texts. Guesses are comments, best first.\n"
         f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: replace them by your board's.\n"
         f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
-        f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}',
+        *([_REAL_BOARD] if firmware is None else [board]),
         *_device(proposals, kind, choose),
         *world,
-        *(["\n".join(["# Functions whose cycles are counted.", "[cycles]", *counted])] if counted else []),
+        *(["\n".join(["# Functions whose cycles are counted.", "[cycles]", *counted])] if counted and firmware else []),
         '[limits]\n"heading.firmware.max" = { max = 2.0, unit = "deg" }      # your requirement',
     ]
     return "\n\n".join(parts) + "\n"

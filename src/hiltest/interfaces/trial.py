@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.interfaces.kinds import feed_decoder
+from hiltest.interfaces.line_input import LineInput
 from hiltest.interfaces.memory_interface import MemoryInterface
 from hiltest.interfaces.quantities import Quantity, StreamInterface
 from hiltest.interfaces.text_interface import LineReading, TextInterface
@@ -58,6 +59,7 @@ class Trial:
     ) -> None:
         self._interfaces, self._memory, self._paths = interfaces, memory, paths
         self.understood = 0
+        self._input = LineInput()
         self._reasons: Counter[str] = Counter()
         self.values: Counter[Quantity] = Counter()
         self._first_s: dict[Quantity, float] = {}
@@ -65,6 +67,7 @@ class Trial:
 
     def take(self, data: bytes, time_s: float) -> Iterator[Heard]:
         """Yield the lines or packets that bytes complete."""
+        self._input.take(data)
         for kind, interface in self._interfaces.items():
             for reading in _readings(kind, interface, data, time_s):
                 self._count(reading.values, time_s)
@@ -101,8 +104,16 @@ class Trial:
         over_s = self._last_s[quantity] - self._first_s[quantity]
         return (self.values[quantity] - 1) / over_s if over_s > 0.0 else None
 
-    def summary(self, seconds: float) -> list[str]:
-        """Return lines that summarise the values of an interval."""
+    def remark(self, seconds: float, wrong_speed: str) -> str:
+        """Return why nothing can be interpreted, see `LineInput.remark`; empty if something was, or without a line."""
+        if self.values or not self._interfaces:
+            return ""
+        is_text = all(isinstance(interface, TextInterface) for interface in self._interfaces.values())
+        return self._input.remark(seconds, wrong_speed=wrong_speed, is_text=is_text)
+
+    def summary(self, seconds: float, wrong_speed: str = "") -> list[str]:
+        """Return lines that summarise the values of an interval; for `wrong_speed` see `LineInput.remark`."""
+        remark = self.remark(seconds, wrong_speed)
         rows = [f"{'quantity':<24}{'values':>8}{'per second':>13}"]
         for quantity, count in sorted(self.values.items(), key=lambda item: list(Quantity).index(item[0])):
             rate_hz = self.rate_hz(quantity)
@@ -112,6 +123,7 @@ class Trial:
         return [
             f"{format_number(self.understood)} understood, {format_number(self.not_understood)} not, "
             f"in {seconds:.1f} s",
+            *([remark] if remark else []),
             *(rows if self.values else []),
             *([f"not seen: {', '.join(unseen)}"] if unseen else []),
             *(

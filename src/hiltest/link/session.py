@@ -170,7 +170,8 @@ class Session:
                     f"{_whole_line(heard)!r}. Firmware with another protocol needs a [device] table in the rig: "
                     "docs/text-compass.md"
                 )
-            raise SyncError(self._port.name, heard, self._attempts_allowed)
+            wrong_speed = getattr(self._port, "wrong_speed", "")
+            raise SyncError(self._port.name, heard, self._attempts_allowed, wrong_speed)
         if self.protocol_version != PROTOCOL_VERSION:
             raise VersionMismatchError(
                 f"the firmware speaks protocol version {self.protocol_version}, hiltest {PROTOCOL_VERSION}. "

@@ -23,7 +23,7 @@ from hiltest.interfaces.sensor_files.columns import (
     unit_in_headers,
 )
 from hiltest.interfaces.sensor_files.table import open_table
-from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
+from hiltest.interfaces.sensor_files.times import RowTimes, TimeColumn, the_time
 from hiltest.log_fitting.asked_units import asked_of_gravity
 from hiltest.measurement.units import ACCELERATION_WORDS, RATE_WORDS, AccelerationUnit, RateUnit
 
@@ -205,6 +205,7 @@ class _Table:
         place = None if clock is None else clock.place
         columns = places if place is None else [place, *places]
         names = self.names(columns)
+        row_times = None if clock is None else RowTimes(self.path, clock, names[0])
         values, labels = array("d"), []
         sensors = [places[first : first + 3] for first in range(0, len(places), 3)]
         one_a_row, written_twice = False, 0
@@ -216,7 +217,7 @@ class _Table:
             if one_a_row and all(filled):
                 raise ConfigError(f"{self.path}:{row.line}: both sensors in a row, and before rows of one each")
             absent = {at for at in places if one_a_row and not filled[places.index(at) // 3]}
-            numbers = self._numbers(row, columns, names, place, absent)
+            numbers = self._numbers(row, columns, names, row_times, absent)
             if place is not None and len(values):
                 before = values[-len(columns)]
                 if numbers == values[-len(columns) :].tolist():
@@ -254,13 +255,18 @@ class _Table:
         return time_s, read[:, 1:]
 
     def _numbers(
-        self, row: TableRow, columns: Sequence[int], names: Sequence[str], time: int | None, absent: Collection[int]
+        self,
+        row: TableRow,
+        columns: Sequence[int],
+        names: Sequence[str],
+        row_times: RowTimes | None,
+        absent: Collection[int],
     ) -> list[float]:
         """Return a row's time and readings; only cells of absent sensors may be empty."""
         numbers = []
         for at, name in zip(columns, names, strict=True):
-            if at == time:
-                numbers.append(time_in(self.path, row, at, name))
+            if row_times is not None and at == row_times.place:
+                numbers.append(row_times.read(row))
                 continue
             value = number_in(self.path, row, at, name, quantity="reading of an IMU", largest=LARGEST_READING)
             if not math.isfinite(value) and at not in absent:

@@ -23,7 +23,7 @@ from hiltest.interfaces.sensor_files.columns import (
     some_columns,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
-from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
+from hiltest.interfaces.sensor_files.times import RowTimes, TimeColumn, the_time
 from hiltest.log_fitting.time_stamps import even_stamps, gaps
 from hiltest.measurement.units import DEGREES_PER_SECOND, RATE_WORDS, RateUnit
 
@@ -254,6 +254,7 @@ def _header_unit(names: Sequence[str], otherwise: RateUnit | None) -> RateUnit:
 def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
     path, times, values = table.path, array("d"), array("d")
     last_s = -math.inf
+    row_times = layout.time and RowTimes(path, layout.time, *table.names([layout.time.place]))
     for row in table.rows():
         cells = [row.cells[place] for place in layout.places]
         if not any(cells):
@@ -262,8 +263,8 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals]:
             values.append(number_in(path, row, place, name, quantity="reading of a gyroscope", largest=_LARGEST))
             if not math.isfinite(values[-1]):
                 raise ConfigError(f"{path}:{row.line}: column {name}: {shown(row.cells[place])} is not a number")
-        if layout.time is not None:
-            time = time_in(path, row, layout.time.place, table.names([layout.time.place])[0])
+        if row_times is not None:
+            time = row_times.read(row)
             if time < last_s:
                 raise ConfigError(f"{path}:{row.line}: the time {time:.9g} is before the one above it, {last_s:.9g}")
             times.append(time)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from array import array
 from collections.abc import Sized
 from dataclasses import dataclass, replace
@@ -117,9 +118,18 @@ def read_samples(
         acceleration_unit = _acceleration_unit(layout) if table.headers else AccelerationUnit.COUNTS
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
-    numbers, lines, skipped = _numbers(table, layout)
+    numbers, others, lines, skipped = _numbers(table, layout)
+    time_s = _rising(numbers[:, -1], layout.time)
     acceleration = numbers[:, _AXES : 2 * _AXES] if layout.accelerometer else None
     notes = [*table.notes, *layout.notes]
+    if acceleration is not None and np.isnan(acceleration).all() and len(others):
+        other_s = _rising(others[:, -1], layout.time)
+        if time_s is not None and other_s is not None:
+            acceleration = interpolate_readings(other_s, others[:, :-1], time_s)
+            count = int(np.isfinite(acceleration[:, 0]).sum())
+            notes.append(
+                f"The acceleration at {count} of {len(numbers)} readings was interpolated between its own rows."
+            )
     if acceleration is not None and acceleration_unit is not AccelerationUnit.COUNTS:
         notes += asked_of_gravity(acceleration, acceleration_unit, "A header that says {} settles it")
     return Samples(
@@ -130,7 +140,7 @@ def read_samples(
         layout.names,
         skipped,
         lines=lines,
-        time_s=_rising(numbers[:, -1], layout.time),
+        time_s=time_s,
         acceleration=None if acceleration is None or np.isnan(acceleration).any(axis=1).all() else acceleration.copy(),
         acceleration_unit=acceleration_unit,
         preamble=table.preamble,
@@ -165,7 +175,7 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
     else:
         places = guessed_columns(headers, table.places, table.index, table.first_rows)
         file, parts = table.path.stem.lower(), filter(None, map(stem_and_axis, table.names(places)))
-        if is_sensor(file) and not MAGNETOMETER_STEM.search(file) and not any(stem for stem, _ in parts):
+        if is_sensor(f"{file} ") and not MAGNETOMETER_STEM.search(file) and not any(stem for stem, _ in parts):
             raise ConfigError("the file has the name of another sensor; if it is wrong, name the columns: --columns")
         if table.index is not None and places == table.places[1:]:
             notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")
@@ -178,7 +188,8 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
             for stem, triple in axis_triples(headers).items()
             if ACCELEROMETER_STEM.search(stem) and not set(triple) & set(places)
         ]
-        accelerometer = triples[0] if len(triples) == 1 else ()
+        kinds = {re.sub(r"\d", "", headers[triple[0]]): triple for triple in reversed(triples)}
+        accelerometer = next(iter(kinds.values())) if len(kinds) == 1 else ()  # the first of an autopilot's
     times = time_columns(headers, table.first_rows, (*places, *accelerometer))
     if times and times[0].note:
         notes.append(times[0].note)
@@ -202,9 +213,12 @@ def _acceleration_unit(layout: _Layout) -> AccelerationUnit:
     return unit or AccelerationUnit.COUNTS
 
 
-def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], int]:
-    """Return one row per sample: x, y, z, the accelerometer's if present, the time; their lines; the skipped rows."""
-    path, values, lines, skipped = table.path, array("d"), array("q"), 0
+def _numbers(table: Table, layout: _Layout) -> tuple[Reals, Reals, NDArray[np.int64], int]:
+    """Return one row per sample: x, y, z, the accelerometer's if present, the time; rows of an accelerometer alone.
+
+    The last two are the lines of the samples, and the number of other rows.
+    """
+    path, values, others, lines, skipped = table.path, array("d"), array("d"), array("q"), 0
     flat = _AXES - len(layout.places)
     places = [*layout.places, *layout.accelerometer]
     largest = [LARGEST_READING] * len(places)
@@ -222,18 +236,22 @@ def _numbers(table: Table, layout: _Layout) -> tuple[Reals, NDArray[np.int64], i
             number_in(path, row, place, name, quantity="magnetometer reading")
             for place, name in zip(layout.places, layout.names, strict=True)
         ]
+        acceleration = _acceleration(path, row, layout)
+        time = row.arrived_s if layout.time is None else time_or_nan(row.cells[layout.time.place])
         if not all(map(math.isfinite, reading)):
-            skipped += 1
+            if acceleration and all(map(math.isfinite, acceleration)):
+                others.extend((*acceleration, time))
+            else:
+                skipped += 1
             continue
-        values.extend(reading + [0.0] * flat)
-        values.extend(_acceleration(path, row, layout))
-        values.append(row.arrived_s if layout.time is None else time_or_nan(row.cells[layout.time.place]))
+        values.extend((*reading, *[0.0] * flat, *acceleration, time))
         lines.append(row.line)
         _refuse_too_many(path, lines)
     if not lines:
         raise ConfigError(f"{path}: no row has three numbers in the columns {', '.join(layout.names)}")
     count = _AXES + len(layout.accelerometer) + 1
-    return (np.frombuffer(values, dtype=np.float64).reshape(-1, count), np.frombuffer(lines, dtype=np.int64), skipped)
+    rows, other_rows = np.frombuffer(values).reshape(-1, count), np.frombuffer(others).reshape(-1, _AXES + 1)
+    return rows, other_rows, np.frombuffer(lines, dtype=np.int64), skipped
 
 
 def _refuse_too_many(path: Path, lines: Sized) -> None:

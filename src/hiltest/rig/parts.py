@@ -53,6 +53,8 @@ class Part:
     """Pin that selects it on an SPI bus."""
     pins: tuple[str, ...] = ("INT1", "INT2")
     """Interrupt pins that the part has."""
+    companion_addresses: tuple[int, ...] = ()
+    """7-bit addresses of the further devices in its package."""
     axes: Axes | None = None
     """Axes of the part along x, y and z of the board, if a rig may change them."""
 
@@ -149,9 +151,16 @@ PARTS: Mapping[str, Part] = {
 }
 #: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
 MODELS: Mapping[str, str] = {
+    "bmm150": "hiltest.world.sensors.bmm150:Bmm150",
+    "icm20948": "hiltest.world.sensors.icm20948:Icm20948",
     "mma8653": "hiltest.world.sensors.mma8653:Mma8653",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",
+    "lsm303agr": "hiltest.world.sensors.lsm303agr_a:Lsm303agrA",
+    "lsm6ds3trc": "hiltest.world.sensors.lsm6ds3trc:Lsm6ds3trc",
+    "lsm9ds1": "hiltest.world.sensors.lsm9ds1_ag:Lsm9ds1Ag",
+    "mmc5603": "hiltest.world.sensors.mmc5603:Mmc5603",
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
+    "rm3100": "hiltest.world.sensors.rm3100:Rm3100",
 }
 # Keys of a rig that only the models of `MODELS` and of users carry out.
 _OF_MODELS = (
@@ -192,13 +201,15 @@ def fitted_parts(truth: SimulatedWorld, entries: tuple[SensorPart, ...] | None) 
 
 def _refuse_shared_places(parts: Mapping[str, Part], entries: tuple[SensorPart, ...]) -> None:
     places: dict[tuple[str, int | str], str] = {}
-    for name, part in parts.items():
-        place = part.bus, part.chip_select or part.address
+    devices = [(name, at) for name, part in parts.items() for at in (part.address, *part.companion_addresses)]
+    for name, address in devices:
+        part = parts[name]
+        place = part.bus, part.chip_select or address
         other = places.setdefault(place, name)
         if other == name:
             continue
         index = max(index for index, entry in enumerate(entries) if (entry.name or entry.part) in (name, other))
-        at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{part.address:02x}"
+        at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{address:02x}"
         key = "chip_select" if part.chip_select else "address"
         require(
             False,
@@ -239,7 +250,7 @@ def _described(entry: SensorPart, key: str) -> Part:
         entry.bus,
         (addresses or (0,))[0] if entry.address is None else entry.address,
         partial(_make_model, model, entry),
-        model.sensor_names(),
+        _sensor_names(model, entry.part.upper()),
         entry.interrupts,
         next((row.range for row in model.every_output() if row.quantity.key == "magnetometer"), None),
         lambda _truth: _declared_noise(model, entry),
@@ -248,6 +259,7 @@ def _described(entry: SensorPart, key: str) -> Part:
         f"{entry.name}-" if entry.name else "",
         entry.chip_select,
         model.every_pin(),
+        tuple(device.table.addresses[0] for device in model.companion_models),
     )
 
 
@@ -306,6 +318,12 @@ def _make_model(
             {quantity: rms for quantity, rms in noise.items() if rms is not None},
         )
     )
+
+
+def _sensor_names(model: type[TableSensor], name: str) -> dict[str, str]:
+    """Return the name of each sensor by kind: the part's name, with the kind if there are several."""
+    kinds = [row.quantity.key for row in model.every_output()]
+    return {kind: name if len(kinds) == 1 else f"{name} {kind}" for kind in kinds}
 
 
 def _declared_noise(model: type[TableSensor], entry: SensorPart) -> float:

@@ -224,6 +224,11 @@ class _ReplayedPort:
         position: str = self._player.ask("position", {}, str, str)
         return position
 
+    @property
+    def wrong_speed(self) -> str:
+        """Sentence about a line whose ends had different speeds; empty if they were equal or unknown."""
+        return self._player.ask_if_recorded("wrong_speed", {}, str, str) or ""
+
     def read_until(self, expected: bytes) -> bytes:
         """Return the bytes of the recorded read."""
         return self._player.read()

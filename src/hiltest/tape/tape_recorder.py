@@ -142,6 +142,12 @@ class _RecordedPort:
         return position
 
     @property
+    def wrong_speed(self) -> str:
+        """Sentence about a line whose ends have different speeds; empty if they are equal or unknown."""
+        wrong_speed: str = self._recorder.ask("wrong_speed", {}, str, lambda: getattr(self._port, "wrong_speed", ""))
+        return wrong_speed
+
+    @property
     def timeout(self) -> float | None:
         """How long one read may wait [s]."""
         waits_s: float | None = self._port.timeout

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,15 +12,13 @@ from hiltest.virtual.board.loading import refuse_wrong_vectors
 from hiltest.virtual.processor.memory import FLASH, SRAM
 from hiltest.virtual.program.elf import FirmwareImage, load_image
 from hiltest.virtual.program.image_formats import Chunk
+from hiltest.virtual.program.other_chips import other_chip
 
 # The flash configuration field (MK64F reference manual, 29.3.1): protection and security of the chip at reset.
 FIELD = range(0x400, 0x410)
 _FSEC = 0x40C
 _SEC, _UNSECURED = 0x03, 0x02
 _MEEN, _NO_MASS_ERASE = 0x30, 0x20
-# CMSIS names two files of every program after its part; parts other than Kinetis have other addresses.
-_OF_A_PART = re.compile(r"(?:system|startup)_(MK[A-Z]*[0-9]\w*)\.\w+", re.IGNORECASE)
-_THIS_PART = "MK64F"
 _RECORD = 16
 _DATA, _END, _LINEAR = 0, 1, 4
 
@@ -80,13 +77,9 @@ def load_flash_image(path: Path) -> FlashImage:
 
 
 def _refuse_other_part(image: FirmwareImage) -> None:
-    parts = {match[1] for source_name in image.source_names if (match := _OF_A_PART.fullmatch(source_name))}
-    others = sorted(part for part in parts if not part.upper().startswith(_THIS_PART))
-    if others:
-        raise ConfigError(
-            f"{image.name}: built for {', '.join(others)}, as its start-up code is called; the board has an "
-            f"MK64FN1M0: build for {_THIS_PART}12"
-        )
+    chip = other_chip(image)
+    if chip is not None and chip.name:
+        raise ConfigError(f"{image.name}: {chip}, and the board has an MK64FN1M0: build for MK64F12")
 
 
 def _chunks(image: FirmwareImage) -> tuple[Chunk, ...]:

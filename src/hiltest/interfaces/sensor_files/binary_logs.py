@@ -51,9 +51,11 @@ def read_binary(path: Path) -> list[dict[str, str]] | None:
 
 
 def _ardupilot(path: Path) -> Rows:
-    from pymavlink.DFReader import DFReader_binary
+    from pymavlink.DFReader import DFReader_binary, DFReader_text
 
-    with closing(DFReader_binary(str(path))) as log:
+    with path.open("rb") as file:
+        reader = DFReader_text if file.read(3) == b"FMT" else DFReader_binary
+    with closing(reader(str(path))) as log:
         while (message := log.recv_match(type=[*_ARDUPILOT])) is not None:
             kind = message.get_type()
             unit, begin = _ARDUPILOT[kind]
@@ -111,6 +113,7 @@ def _ros(path: Path) -> Rows:
 
 _KINDS: tuple[tuple[bytes, str, Callable[[Path], Rows]], ...] = (
     (b"\xa3\x95", "ArduPilot's log", _ardupilot),
+    (b"FMT, ", "ArduPilot's log as text", _ardupilot),
     (b"ULog\x01\x12\x35", "PX4's ULog", _px4),
     (b"H Product:Blackbox", "Betaflight's blackbox", _betaflight),
     (b"\x89MCAP0\r\n", "ROS 2's bag", _ros),

@@ -26,7 +26,8 @@ _U = TypeVar("_U", AccelerationUnit, RateUnit)
 
 
 # Words for units of any sensor.
-_UNIT_WORDS = FIELD_WORDS.keys() | RATE_WORDS.keys() | ACCELERATION_WORDS.keys()
+_UNIT_WORDS = FIELD_WORDS | RATE_WORDS | ACCELERATION_WORDS
+_SIZED = frozenset(word for word, unit in _UNIT_WORDS.items() if unit != "counts")
 # "Magnetic Field in uT", "Magnetometer (gauss)", in lines above a table.
 _IN_WORDS = re.compile(r"(?i:mag|compass|field)[^\n]{0,40}?(?:\bin |[(\[])\s*([^\W\d]{1,12})\b")
 # Words in a row of units, for columns that are not read.
@@ -51,6 +52,8 @@ _AXES = (
     re.compile(r"^(?P<axis>[xyz])(?:[\s_.:/-]+(?P<stem>.+)|(?P<sensor>mag|acc|gyro?|rate))$"),
     re.compile(r"^(?P<stem>.+)[\s_.:/-](?P<axis>[xyz])[\s_.:/-]+(?P<rest>.+)$"),
 )
+# A name that is that of a magnetometer only by "field", or that of a property of its readings.
+_NO_READING = re.compile(r"field|.*(?:covariance|bias|offset|error).*")
 _ROS_UNITS = {"magnetic_field": "T", "linear_acceleration": "m/s2", "angular_velocity": "rad/s"}
 # Fewest rows that show which columns vary.
 _FEWEST_ROWS = 20
@@ -59,12 +62,13 @@ _MOST_CHOICES = 3
 _NUMBERED_AXES = {"0": "x", "1": "y", "2": "z"}
 #: Common part of the names of a magnetometer's columns.
 MAGNETOMETER_STEM = re.compile(
-    r"mag|compass|flux|field|(?<![a-z])[mb]$|hmc5|qmc5|lis[23]mdl|iis2mdc|ak\d{4}|rm3100|mmc5|bmm[13]|ist83|mlx9039"
+    r"mag|compass|flux|field|(?<![a-z])(?:[mb]|m-?r)$|"
+    r"hmc5|qmc5|lis[23]mdl|iis2mdc|ak\d{4}|rm3100|mmc5|bmm[13]|ist83|mlx9039"
 )
 #: Common part of the names of an accelerometer's columns.
-ACCELEROMETER_STEM = re.compile(r"acc|(?<![a-z])[af]$")
+ACCELEROMETER_STEM = re.compile(r"acc|(?<![a-z])(?:[af]|a-?r)$")
 #: Common part of the names of a gyroscope's columns.
-GYROSCOPE_STEM = re.compile(r"gyr|omega|angular|(?<![a-z])rate|(?<![a-z])[gw]$")
+GYROSCOPE_STEM = re.compile(r"gyr|omega|angular|(?<![a-z])rate|(?<![a-z])(?:[gw]|g-?r)$")
 
 
 def unit_of(headers: Sequence[str]) -> FieldUnit | None:
@@ -162,9 +166,11 @@ def guessed_columns(
         for stem, triple in triples.items()
         if FIELD_WORDS.get(name_and_unit(headers[triple[-1]])[1], FieldUnit.COUNTS) is not FieldUnit.COUNTS
     }
-    if len(magnetic) > 1:  # `field_error` beside `magnetometer` is no second magnetometer.
-        by_more = {stem: triple for stem, triple in magnetic.items() if is_magnetometer(stem.replace("field", ""))}
+    if len(magnetic) > 1:  # `field_error` or `mag_covariance` beside `magnetometer` is no second magnetometer.
+        by_more = {s: triple for s, triple in magnetic.items() if is_magnetometer(_NO_READING.sub("", s))}
         magnetic = by_more or magnetic
+        if len(rows) >= _FEWEST_ROWS:  # One that is written twice is no second one either.
+            magnetic = {str([[row[place] for place in triple] for row in rows]): triple for triple in magnetic.values()}
     if len(magnetic) == 1:
         return next(iter(magnetic.values()))
     if len(magnetic) > 1:
@@ -252,6 +258,10 @@ def _may_be_readings(cells: Sequence[str]) -> bool:
 def axis_triples(headers: Sequence[str]) -> dict[str, tuple[int, int, int]]:
     """Return the columns of x, y and z by the common part of their names, if all three exist once."""
     whole = {stem: axes for stem, axes in _columns_of_axes(headers).items() if sorted(axes) == ["x", "y", "z"]}
+    for axes in whole.values():
+        in_units = {axis: [p for p in axes[axis] if name_and_unit(headers[p])[1] in _SIZED] for axis in axes}
+        if all(len(places) == 1 for places in in_units.values()):
+            axes |= in_units  # perhaps beside the same in counts
     return {
         stem: (axes["x"][0], axes["y"][0], axes["z"][0])
         for stem, axes in whole.items()

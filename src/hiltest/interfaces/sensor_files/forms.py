@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import TableRow, is_number, shown
-from hiltest.interfaces.sensor_files.columns import axis_triples, is_sensor, is_unit, seconds_of
+from hiltest.interfaces.sensor_files.columns import axis_triples, is_sensor, is_unit, seconds_of, stem_and_axis
 from hiltest.interfaces.sensor_files.named_lines import MOTION_CAL_NOTE, ROS_TIME, NamedLines, ros_stamp
 from hiltest.interfaces.sensor_files.parsed_lines import Line
 from hiltest.json_files import parse_json
@@ -22,7 +22,7 @@ from hiltest.json_files import parse_json
 _AXES = 3
 _FEWEST_TAGS = 2
 # Separators of cells in the order of trial; blanks if a line has none of them.
-_DELIMITERS = ("\t", ";", ",")
+_DELIMITERS = ("\t", ";", ",", "|")
 _LIST_OF_THREE = re.compile(r"\[[^][,]*,[^][,]*,[^][,]*\]")
 # A list of rows or of a column.
 _LONG_LIST = re.compile(r"\[\s*[\[{]|\[[^][,]*(?:,[^][,]*){3}")
@@ -33,6 +33,7 @@ _FIRST_ROWS = 100
 # Cells in a row below the names of sensors.
 _PARTS_OF_NAMES = frozenset(("", "x", "y", "z", "cal", "raw", "uncal"))
 _BRACKETED_UNIT = re.compile(r"\s*[(\[][^)\]]*[)\]]$")
+_UNIT_KEYS = frozenset(("unit", "units"))
 # The sensor of a row, in a cell of it.
 _TAG = re.compile(r"(?:[\w./ -]*[\W_])?(?:un)?(?:cal)?(?:mag|acc|gyr)[a-z]*", re.IGNORECASE)
 # More digits than any number of a column or row has, and few enough to be read at once.
@@ -103,9 +104,10 @@ def form_of_rows(rows: Sequence[dict[str, str]], count: int) -> Form | None:
 
 def _named_lines(lines: Sequence[Line]) -> Form | None:
     named = NamedLines(lines)
-    if not named.columns:
+    headers = (_cells_or_nothing(line.text, _delimiter(line.text)) for line in lines if named.counters)
+    if not named.columns or any(map(axis_triples, headers)):
         return None
-    notes = [MOTION_CAL_NOTE] if named.is_motion_cal else []
+    notes = [MOTION_CAL_NOTE] if named.word == "raw" else []
 
     def rows(lines: Iterable[Line]) -> Iterator[TableRow]:
         yield from named.rows(lines)
@@ -213,6 +215,13 @@ def _joined(values: dict[str, str]) -> dict[str, str]:
     """Return values with ROS's time in one, and with the name of a row's sensor before the names of its values."""
     if stamp := ros_stamp(values):
         values = {ROS_TIME: stamp, **values}
+    for key, unit in values.items():
+        if key.rpartition(".")[2].lower() in _UNIT_KEYS and is_unit(unit):
+            beside = {
+                name: axis for name in values if name.startswith(key[:-5].rstrip(".")) and (axis := stem_and_axis(name))
+            }
+            if len({stem for stem, _ in beside.values()}) == 1:
+                values = {f"{name} [{unit}]" if name in beside else name: value for name, value in values.items()}
     tag = next((value for value in values.values() if _TAG.fullmatch(value)), "") or values.get("sensor", "")
     if not tag or is_number(tag):
         return values
@@ -225,10 +234,15 @@ def _rows_of(content: object) -> list[object]:
         return content
     if not isinstance(content, dict):
         raise ValueError("no list of objects")
+    units = {key: value for key, value in content.items() if key.lower() in _UNIT_KEYS}
+    names = next((names for value in content.values() if (names := _names(value))), ())
+    for rows in content.values():  # beside the names of their columns
+        if isinstance(rows, list) and names and all(isinstance(row, list) and len(row) == len(names) for row in rows):
+            return [dict(zip(names, row, strict=True)) for row in rows]
     columns = dict(_columns(content, ""))
     lengths = set(map(len, columns.values()))
     if len(columns) > 1 and len(lengths) == 1:
-        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return [units | dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     tables: dict[str, list[object]] = {}
     for key, value in content.items():
         with suppress(ValueError):
@@ -240,6 +254,14 @@ def _rows_of(content: object) -> list[object]:
         for key, rows in tables.items()
         for row in rows
     ]
+
+
+def _names(value: object) -> list[str]:
+    """Return the names in a list of names, or of objects with a name and a unit; none if it is something else."""
+    if not isinstance(value, list):
+        return []
+    names = [f"{v['name']} [{v.get('units', '')}]" if isinstance(v, dict) and "name" in v else v for v in value]
+    return names if all(isinstance(name, str) for name in names) else []
 
 
 def _columns(content: dict[str, object], name: str) -> Iterator[tuple[str, list[object]]]:
@@ -264,13 +286,16 @@ def _delimited_form(path: Path, lines: Sequence[Line], fewest: int) -> Form:
         if place is not None:
             return look.form(*look.begin(place, fewest))
         looks = {delimiter: _Look(path, lines, delimiter, decimal) for delimiter in (*_DELIMITERS, None)}
-        for place, line in enumerate(lines):
-            look = looks[_delimiter(line.text)]
-            if look.may_begin(place, max(fewest, _AXES)):
-                begin, first, headers = look.header(place)
-                if not headers:
-                    look.refuse_lost(place)
-                return look.form(begin, first, headers)
+        begins = [
+            (look, place, *look.header(place))
+            for place, line in enumerate(lines)
+            if (look := looks[_delimiter(line.text)]).may_begin(place, max(fewest, _AXES))
+        ]
+        if begins:  # Numbers above a header with names of axes are LabVIEW's, of settings.
+            look, place, begin, first, headers = min(begins, key=lambda begin: not axis_triples(begin[-1]))
+            if not headers:
+                look.refuse_lost(place)
+            return look.form(begin, first, headers)
     if lines[0].text.lstrip().startswith(("{", "[{", "[[")) or lines[0].text.strip() == "[":
         raise ConfigError(f"{path}: JSON, but neither one document nor an object on each line")
     # There are no readings, which the reader reports.
@@ -351,7 +376,12 @@ class _Look:
 
     def _is_header(self, at: int, place: int) -> bool:
         """Return whether a row has a name for each cell of one of readings."""
-        return at >= 0 and any(self.rows[at]) and not self.numbers(at) and _fits(self.rows[at], self.rows[place])
+        if at < 0 or not any(self.rows[at]) or self.numbers(at):
+            return False
+        first_cells = [row[0] for row in self.rows[place:] if row]
+        if len(self.rows[at]) + 1 == len(self.rows[place]) and len(first_cells) >= _AXES and counts(first_cells):
+            self.rows[at] = ("", *self.rows[at])  # pandas' and R's tables, whose first column has no name
+        return _fits(self.rows[at], self.rows[place])
 
     def refuse_lost(self, place: int) -> None:
         """Refuse to skip possible readings, or a header that does not fit them."""
@@ -401,7 +431,7 @@ class _Look:
 
         def values(lines: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
             for line in lines:
-                cells = self.cells(line.text)
+                ((_, cells, _),) = self.table_rows([line])
                 row = dict(zip(form.headers, cells, strict=True)) if len(cells) == form.width else {}
                 yield line, _joined(row)
 
@@ -489,7 +519,8 @@ def _skipped_notes(lines: Sequence[Line]) -> list[str]:
 
 
 def _delimiter(text: str) -> str | None:
-    return next((delimiter for delimiter in _DELIMITERS if delimiter in text.strip()), None)
+    bare = text.strip()
+    return "|" if bare.startswith("|") else next((delimiter for delimiter in _DELIMITERS if delimiter in bare), None)
 
 
 def _cells_or_nothing(text: str, delimiter: str | None) -> tuple[str, ...]:
@@ -503,7 +534,7 @@ def _cells(text: str, delimiter: str | None) -> tuple[str, ...]:
     """Return the cells of a line, or raise a ValueError with the reason."""
     if delimiter is None:
         return tuple([cell.strip('"') for cell in text.split()])
-    text = text.strip("\r\n")
+    text = text.strip("\r\n") if delimiter != "|" else text.strip().strip("|")
     if '"' not in text and "\r" not in text:
         return tuple([cell.strip() for cell in text.split(delimiter)])
     try:

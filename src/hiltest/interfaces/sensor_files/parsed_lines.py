@@ -22,6 +22,8 @@ _MOST_BYTES = 512 << 20
 #: First bytes of a UTF-16 file, such as PowerShell writes with >.
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _COMMENTS = ("#", "%", "//")
+# A line between header and rows, or around a table; "---" alone ends a record of ROS.
+_RULE = re.compile(r"[-_=+|:\s]{4,}")
 # First characters of lines that may have a prefix: a colour, a bracket, a digit, a level.
 _BEFORE_PREFIX = ("\x1b", "[", "<", *"0123456789EWIDV")
 # Bytes of a document of JSON, which may be one line and is in memory as a whole.
@@ -69,8 +71,8 @@ class Lines:
         During iteration, when the file cannot be read or is not text; the message has file and line.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._number, self._size = path, 0, 0
+    def __init__(self, path: Path, *, comments: tuple[str, ...] = _COMMENTS) -> None:
+        self._path, self._number, self._size, self._comments = path, 0, 0, comments
         self._file: io.BufferedReader | gzip.GzipFile | None = None
         self._stamped = False
         self._reach, self._refused_to = _LONGEST_LINE, 0
@@ -133,9 +135,9 @@ class Lines:
                 arrived_s, text = _split_prefix(text)
                 self._stamped = self._stamped or not math.isnan(arrived_s)
                 stripped = text.strip()
-            if stripped.startswith(_COMMENTS):
-                comment = stripped.removeprefix(next(mark for mark in _COMMENTS if stripped.startswith(mark)))
-            elif stripped:
+            if mark := next((mark for mark in self._comments if stripped.startswith(mark)), ""):
+                comment = stripped.removeprefix(mark)
+            elif stripped and not _RULE.fullmatch(stripped):
                 yield Line(self._number, text, comment, arrived_s)
                 comment = ""
 

@@ -15,6 +15,7 @@ from hiltest.interfaces.sensor_files.binary_logs import read_binary
 from hiltest.interfaces.sensor_files.cells import Reals, TableRow, TableRows, is_number
 from hiltest.interfaces.sensor_files.columns import add_ros_units
 from hiltest.interfaces.sensor_files.forms import Form, Separated, counts, form_of, form_of_rows
+from hiltest.interfaces.sensor_files.named_lines import NamedLines
 from hiltest.interfaces.sensor_files.parsed_lines import Line, Lines
 
 # Number of lines within which a table must begin. An index column counts in all of them, at least three.
@@ -196,8 +197,12 @@ def open_table(path: Path, *, fewest: int = 3) -> Table:
         return Table(path, lines, iter(()), [Line(1, "\n", "", math.nan)], form)
     remaining_lines = iter(lines)
     looked_at = list(islice(remaining_lines, _LOOKED_AT))
-    if not looked_at:
-        raise ConfigError(f"{path}: the file is empty")
+    if not looked_at:  # as from the Razor IMU, whose lines all begin with #
+        lines = Lines(path, comments=())
+        remaining_lines = iter(lines)
+        looked_at = list(islice(remaining_lines, _LOOKED_AT))
+        if not NamedLines(looked_at).columns:
+            raise ConfigError(f"{path}: the file is empty")
     return Table(path, lines, remaining_lines, looked_at, form_of(path, looked_at, remaining_lines, fewest))
 
 

@@ -61,20 +61,30 @@ def time_or_nan(cell: str) -> float:
     return value if abs(value) <= LATEST else math.nan
 
 
-def time_in(path: Path, row: TableRow, place: int, name: str) -> float:
-    """Return the number of a cell, or the seconds of its clock.
+class RowTimes:
+    """Times of a table's rows, which are read in turn."""
 
-    Raises
-    ------
-    ConfigError
-        When it is something else; the message has file, line and column.
-    """
-    value = clock_s(row.cells[place]) if ":" in row.cells[place] else math.nan
-    if math.isnan(value):
-        value = number_in(path, row, place, name, quantity="time", largest=LATEST)
-    if not math.isfinite(value):
-        raise ConfigError(f"{path}:{row.line}: column {name}: no number: every row needs its time")
-    return value
+    def __init__(self, path: Path, column: TimeColumn, name: str) -> None:
+        self.place, self._path, self._name, self._is_clock = column.place, path, name, column.is_clock
+        self._last, self._days_s = -math.inf, 0.0
+
+    def read(self, row: TableRow) -> float:
+        """Return the number of a row, or the seconds of its clock, with a day added behind each midnight.
+
+        Raises
+        ------
+        ConfigError
+            When it is something else; the message has file, line and column.
+        """
+        value = clock_s(row.cells[self.place]) if ":" in row.cells[self.place] else math.nan
+        if math.isnan(value):
+            value = number_in(self._path, row, self.place, self._name, quantity="time", largest=LATEST)
+        if not math.isfinite(value):
+            raise ConfigError(f"{self._path}:{row.line}: column {self._name}: no number: every row needs its time")
+        if self._is_clock and value < self._last - 0.5 * _DAY_S:
+            self._days_s += _DAY_S
+        self._last = value
+        return value + self._days_s
 
 
 def time_columns(headers: Sequence[str], rows: Sequence[Sequence[str]], but: Sequence[int] = ()) -> list[TimeColumn]:

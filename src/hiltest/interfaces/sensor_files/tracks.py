@@ -23,7 +23,7 @@ from hiltest.interfaces.sensor_files.columns import (
     named_columns,
 )
 from hiltest.interfaces.sensor_files.table import Table, open_table
-from hiltest.interfaces.sensor_files.times import TimeColumn, the_time, time_in
+from hiltest.interfaces.sensor_files.times import RowTimes, TimeColumn, the_time
 from hiltest.orientation.motion_recording import MotionRecording
 from hiltest.rig.recorded_motion import UNITS, PlaybackFile, PlayedSensor, factor_of
 from hiltest.world.recorded_motion import Reals, Sensed, Track
@@ -90,16 +90,14 @@ def read_table(path: Path, settings: PlaybackFile) -> Recorded:
             '[world.playback.magnetometer] and so on: columns = ["mx", "my", "mz"]'
         )
     time = _time(path, settings, table)
+    row_times = None if time is None else RowTimes(path, time, *table.names([time.place]))
     times: dict[Sensed, array[float]] = {sensed: array("d") for sensed in by_sensor}
     readings: dict[Sensed, array[float]] = {sensed: array("d") for sensed in by_sensor}
     for number, row in enumerate(table.rows()):
         if number == MAX_ROWS:
             raise ConfigError(f"{path}: more than {MAX_ROWS} rows; cut the file")
-        row_s = (
-            number / (settings.rate_hz or 1.0)
-            if time is None
-            else (time.unit_s * time_in(path, row, time.place, table.names([time.place])[0]))
-        )
+        without_s = number / (settings.rate_hz or 1.0)
+        row_s = without_s if time is None or row_times is None else time.unit_s * row_times.read(row)
         for sensed, columns in by_sensor.items():
             _take(path, row, row_s, columns, times[sensed], readings[sensed])
     tracks = {

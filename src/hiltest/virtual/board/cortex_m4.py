@@ -198,11 +198,11 @@ class VirtualCortexM4:
     @contextlib.contextmanager
     def pause_unmodelled(self) -> Iterator[None]:
         """Record no accesses in `unmodelled` during the context, because they are not the firmware's."""
-        self._part.unmodelled.listens = False
+        self._part.unmodelled.pause(True)
         try:
             yield
         finally:
-            self._part.unmodelled.listens = True
+            self._part.unmodelled.pause(False)
 
     # -- calling functions --------------------------------------------------------------------
 

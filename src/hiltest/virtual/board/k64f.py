@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -23,6 +23,9 @@ from hiltest.virtual.peripherals.wdog import Watchdog
 from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.other_chips import other_chip, refuse_other_chip
+
+_WAITING_SHARE = 0.9  # of instructions that are passed over, if firmware does nothing but wait
 
 
 class VirtualK64F(VirtualMachine):
@@ -51,7 +54,7 @@ class VirtualK64F(VirtualMachine):
     Raises
     ------
     ConfigError
-        If the ELF is not for this processor or does not fit its memories.
+        If the ELF is for another processor or chip, or does not fit the memories.
     """
 
     title = "FRDM-K64F"
@@ -76,8 +79,26 @@ class VirtualK64F(VirtualMachine):
             )
             return self._chip
 
-        super().__init__(elf, profile=profile, memory=MK64FN1M0, chip=microcontroller)
+        image = open_image(elf)
+        refuse_other_chip(image)
+        super().__init__(image, profile=profile, memory=MK64FN1M0, chip=microcontroller)
         self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
+        self._looked_at = 0, 0  # instructions executed, and those of waiting loops that were passed over
+
+    def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:
+        """Run the firmware as `VirtualMachine.run_until` does, and report a wait for interrupts that never come."""
+        try:
+            super().run_until(time_s, wake=wake, for_bytes=for_bytes)
+        finally:
+            self._report_silent_wait()
+
+    def _report_silent_wait(self) -> None:
+        """Report once if firmware waits while interrupts are enabled that never come."""
+        core = self.processor.core
+        executed, passed = core.instructions - self._looked_at[0], core.passed - self._looked_at[1]
+        self._looked_at = core.instructions, core.passed
+        if core.sleeping or (passed > 0 and passed > _WAITING_SHARE * executed):
+            self._chip.unmodelled.report_interrupts(self._chip.silent_interrupts(), core.r[15])
 
     @property
     def clocks(self) -> ClockGates:
@@ -119,15 +140,15 @@ def board_for(
     memory: str | None = None,
     part: Part | None = None,
 ) -> VirtualCortexM4:
-    """Return a board that can call functions of an image: a `VirtualK64F` if the image fits the MK64FN1M0.
+    """Return a board that can call functions of an image: a `VirtualK64F` if the image is for the MK64FN1M0.
 
-    If the image needs other memories, or `memory` or `part` names them, the board is a `VirtualCortexM4`.
+    If the image is for another chip, or `memory` or `part` names its memories, the board is a `VirtualCortexM4`.
     """
     image = open_image(elf, core=part.core) if part is not None else open_image(elf)
     if part is not None:
         memories = part.memory_map or memory_map(image, memory)
         return VirtualCortexM4(image, profile=profile, memory=memories, stack="image")
     memories = memory_map(image, memory)
-    if memories == MK64FN1M0:
+    if memories == MK64FN1M0 and other_chip(image) is None:
         return VirtualK64F(image, profile=profile)
     return VirtualCortexM4(image, profile=profile, memory=memories)

@@ -74,6 +74,11 @@ class SerialLine(Protocol):
     @line_baud.setter
     def line_baud(self, baud: int) -> None: ...
 
+    @property
+    def wrong_speed(self) -> str:
+        """Return a sentence if the firmware uses the line at another rate than its far end; empty otherwise."""
+        ...
+
     def host_write(self, data: bytes) -> None:
         """Put bytes on the line towards the board, one after the other at line speed."""
         ...

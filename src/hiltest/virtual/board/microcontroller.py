@@ -18,7 +18,7 @@ from hiltest.virtual.peripherals.flash_array import FlashArray
 from hiltest.virtual.peripherals.fmc import FlashControl
 from hiltest.virtual.peripherals.ftfe import FlashMemory
 from hiltest.virtual.peripherals.ftm import FlexTimer
-from hiltest.virtual.peripherals.i2c import I2c
+from hiltest.virtual.peripherals.i2c import I2c, I2cSlave
 from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.peripherals.lptmr import LowPowerTimer
 from hiltest.virtual.peripherals.mcg import ClockGenerator
@@ -31,6 +31,7 @@ from hiltest.virtual.peripherals.rtc import BatteryRegisters, RealTimeClock
 from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.peripherals.smc import PowerManagement, SystemModes, WakeUpUnit
 from hiltest.virtual.peripherals.spi_bus import SpiBus, SpiDevice
+from hiltest.virtual.peripherals.sysmpu import MemoryProtection
 from hiltest.virtual.peripherals.uart import Uart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog, UnmodelledPage
 from hiltest.virtual.peripherals.wdog import Watchdog
@@ -38,8 +39,6 @@ from hiltest.virtual.processor.cpu import Processor
 from hiltest.virtual.processor.memory import SRAM
 from hiltest.virtual.program.elf import LoadSegment
 
-# Firmware cannot observe the effect of these modules: their registers store writes, without a report.
-_STORED = ("SYSMPU",)
 _SPI0_DEPTH = 4  # of its FIFOs; those of SPI1 and SPI2 hold one word
 _WITH_FIFO = 2  # number of UARTs with FIFOs and the core clock: UART0 and UART1
 
@@ -91,15 +90,17 @@ class Microcontroller(Restorable):
         self.i2c_buses = tuple(I2cBus(parts) for parts in i2c)
         self.spi_buses = tuple(SpiBus(parts) for parts in spi)
         self.watchdog_resets = 0
+        self._silent: list[
+            tuple[int, str, bool]
+        ] = []  # interrupts of unmodelled modules, and if modelled ones share them
         self.unmodelled = UnmodelledLog(processor, self._chip)
-        processor.waits_for = lambda: self.unmodelled.polled
+        processor.waits_for = lambda: self.unmodelled.polled or self.silent_interrupts()
         generator = ClockGenerator()
         self.clocks = ClockGates(processor, generator)
         self.cycle_counter, control = private_peripherals(processor, self.clocks.core)
         self._peripherals: list[Peripheral] = [generator, self.clocks, self.cycle_counter, control]
         self._peripherals += self._chip_modules()
         self._peripherals += [*self._slow_modules(), *self._flex_timers(), *self._converters()]
-        self._peripherals += [StoredRegisters(name, self._base(name), self._initial(name)) for name in _STORED]
         self._peripherals.append(self.clocks.options)
         self._connect_pins(self.low_power_timer.signals)
         self._connect_chip_selects()
@@ -129,6 +130,9 @@ class Microcontroller(Restorable):
         self.random_numbers = RandomNumbers(processor, clocks.bus, modules["RNG"])
         self._spi_masters = [self._spi_master(number, bus) for number, bus in enumerate(self.spi_buses)]
         masters = [I2c(processor, clocks, bus, modules[f"I2C{number}"]) for number, bus in enumerate(self.i2c_buses)]
+        # Firmware that is master of one bus and slave on the other expects a wire between both, as NXP's examples do.
+        for bus, listener in zip(self.i2c_buses, reversed(masters), strict=True):
+            bus.slave = I2cSlave(processor.machine, listener, bus)
         return [
             *self.uarts,
             self.timers,
@@ -138,6 +142,7 @@ class Microcontroller(Restorable):
             Gpio(processor.machine, list(self.ports.values())),
             *masters,
             *self._spi_masters,
+            MemoryProtection(processor.machine, modules["SYSMPU"]),
             FlashControl(self._processor.machine),
             CheckValue(modules["CRC"]),
             self.random_numbers,
@@ -230,8 +235,11 @@ class Microcontroller(Restorable):
     def _add_unmodelled_pages(self) -> None:
         """Add registers that store writes, and report accesses, for every unmodelled page."""
         modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
+        silent = [module for module in self._chip.peripherals if module.base >> 12 not in modelled]
+        answered = {number for module in self._chip.peripherals if module not in silent for number in module.interrupts}
+        self._silent = [(number, module.name, number in answered) for module in silent for number in module.interrupts]
         self._peripherals += [
-            UnmodelledPage(page << 12, modules, self._chip, self.unmodelled)
+            UnmodelledPage(self._processor.machine, page << 12, modules, self._chip)
             for page, modules in self._chip.pages.items()
             if page not in modelled
         ]
@@ -295,5 +303,14 @@ class Microcontroller(Restorable):
         return self.ports[letter], number
 
     def describe_sleep(self) -> str:
-        """Return a description of the processor's sleep mode."""
-        return self.modes.describe()
+        """Return a description of the processor's sleep mode, and of interrupts that never end it."""
+        return self.modes.describe() + self.silent_interrupts()
+
+    def silent_interrupts(self) -> str:
+        """Return the unmodelled modules whose interrupts are enabled, as a clause; empty if there are none."""
+        enabled = [entry for entry in self._silent if self._processor.nvic.is_enabled(entry[0])]
+        used = {access.register.partition("_")[0] for access in self.unmodelled.accesses} if enabled else set()
+        names = dict.fromkeys(name for _, name, is_shared in enabled if not is_shared or name in used)
+        if not names:
+            return ""
+        return f", with interrupts of {', '.join(names)} enabled, which the virtual board does not model"

@@ -113,7 +113,7 @@ class Nrf51822(Restorable):
         modelled = {peripheral.base >> 12 for peripheral in self._peripherals}
         if not strict:
             self._peripherals += [
-                UnmodelledPage(page << 12, entries, tables, self.unmodelled)
+                UnmodelledPage(processor.machine, page << 12, entries, tables)
                 for page, entries in tables.pages.items()
                 if page not in modelled
             ]

@@ -258,6 +258,20 @@ class VirtualMachine(VirtualCortexM4):
         """Return the stateful objects other than the core and its peripherals in C."""
         return [self._chip, self._leds_and_buttons, *self._wires, self.processor.fault_log, self.processor.waiting]
 
+    def unanswered_part(self) -> str:
+        """Return a sentence about a part that firmware asked only while the part was booting; empty without one."""
+        buses = enumerate(self._chip.i2c_buses)
+        asked = [(bus, number, address, time) for number, bus in buses for address, time in bus.booting.items()]
+        if not asked:
+            return ""
+        bus, number, address, time_s = asked[0]
+        return (
+            f"the {bus.part_name(address)} on I2C{number} was still booting when the firmware asked it, "
+            f"{1e3 * time_s:.1f} ms after power-on, and it was not asked again. On a bench the debugger's reset hides "
+            "this, because the part is powered before. Reset the board (M8 at hiltest serve, faults.reset in a rig), "
+            "or let the firmware wait"
+        )
+
     # -- peripherals of the chip --------------------------------------------------------------
 
     @property

@@ -11,6 +11,11 @@ struct device *add_device(struct machine *machine, const struct device *device, 
     memcpy(copy, device, size);
     copy->is_clocked = true;
     copy->size = size;
+    for (uint32_t page = 0; page < DEVICE_PAGES; page++) {
+        const uint32_t begin = DEVICE_BASE + page * PAGE_BYTES;
+        if (!machine->first_on_page[page] && begin < copy->base + copy->bytes && copy->base < begin + PAGE_BYTES)
+            machine->first_on_page[page] = (uint8_t)(machine->device_count + 1);
+    }
     machine->devices[machine->device_count++] = copy;
     if (copy->reset)
         copy->reset(machine, copy);
@@ -25,13 +30,15 @@ void forget_devices(struct machine *machine)
         free(machine->devices[i]);
     }
     machine->device_count = 0;
+    memset(machine->first_on_page, 0, sizeof machine->first_on_page);
 }
 
-/* Return the first device that has all bytes of an access, with any state of its gate. The search is linear, because
- * there are few devices, and the most used ones are added first. */
+/* Return the first device that has all bytes of an access, with any state of its gate. */
 static struct device *device_with(const struct machine *machine, uint32_t address, uint32_t size)
 {
-    for (int32_t i = 0; i < machine->device_count; i++) {
+    const uint32_t page = (address - DEVICE_BASE) / PAGE_BYTES;
+    int32_t i = page < DEVICE_PAGES ? machine->first_on_page[page] - 1 : 0;
+    for (; i >= 0 && i < machine->device_count; i++) {
         struct device *device = machine->devices[i];
         uint32_t offset = address - device->base;
         if (offset < device->bytes && size <= device->bytes - offset)

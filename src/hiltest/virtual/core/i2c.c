@@ -1,10 +1,12 @@
-/* I2C masters of Kinetis parts: START, bytes of nine clocks, STOP, and the interrupt after each byte (K64 reference
- * manual, chapter "Inter-Integrated Circuit"). The parts on the wires are outside. */
+/* I2C of Kinetis parts, as master: START, bytes of nine clocks, STOP, and the interrupt after each byte (K64 reference
+ * manual, chapter "Inter-Integrated Circuit"). The parts on the wires are outside. As slave: the address match, bytes and
+ * STOP of another master, which finds its byte at once and not nine clocks later. */
 #include "devices.h"
 
-enum { A1, F, C1, S, D, REGISTERS = 16 };
+enum { A1, F, C1, S, D, FLT = 6, REGISTERS = 16 };
 enum { C1_IICEN = 0x80, C1_IICIE = 0x40, C1_MST = 0x20, C1_TX = 0x10, C1_TXAK = 0x08, C1_RSTA = 0x04, C1_DMAEN = 0x01 };
-enum { S_TCF = 0x80, S_BUSY = 0x20, S_ARBL = 0x10, S_IICIF = 0x02, S_RXAK = 0x01 };
+enum { S_TCF = 0x80, S_IAAS = 0x40, S_BUSY = 0x20, S_ARBL = 0x10, S_SRW = 0x04, S_IICIF = 0x02, S_RXAK = 0x01 };
+enum { FLT_STOPF = 0x40, FLT_SSIE = 0x20, FLT_STARTF = 0x10, FLT_FLAGS = FLT_STOPF | FLT_STARTF };
 enum { CLOCKS_A_BYTE = 9, START_CLOCKS = 1 }; /* START or repeated START, with set-up and hold times */
 enum { DIVIDERS = 64 };
 
@@ -35,6 +37,8 @@ struct i2c {
     bool receives;
     bool is_acknowledged; /* byte in transfer */
     bool loses;           /* arbitration, at the end of the byte in transfer */
+    bool is_addressed;    /* as slave */
+    uint8_t answer;       /* byte that it sends as slave */
     bool asks_dma;        /* from the end of a byte to the next access to D */
 };
 
@@ -74,7 +78,8 @@ static void reset(struct machine *machine, struct device *device)
     for (int32_t i = 0; i < REGISTERS; i++)
         i2c->registers[i] = 0;
     i2c->status = S_TCF;
-    i2c->data = 0;
+    i2c->data = i2c->answer = 0;
+    i2c->is_addressed = false;
     i2c->is_transferring = i2c->sends_address = i2c->receives = i2c->loses = i2c->asks_dma = false;
     i2c->enabled_at = time_of(machine, i2c);
     drive(machine, i2c);
@@ -141,6 +146,8 @@ static void send(struct machine *machine, struct i2c *i2c, uint8_t value)
 {
     uint8_t sends = C1_MST | C1_TX;
     end_request(machine, i2c);
+    if ((i2c->registers[C1] & sends) == C1_TX)
+        i2c->answer = value;
     if ((i2c->registers[C1] & sends) != sends || i2c->is_transferring)
         return;
     i2c->receives = false;
@@ -163,7 +170,7 @@ static uint8_t receive(struct machine *machine, struct i2c *i2c)
         return i2c->data;
     bool is_low = is_held(machine, i2c, I2C_SDA);
     i2c->receives = true;
-    i2c->arriving = is_low ? 0 : ask_wires(machine, i2c, I2C_READ, 0);
+    i2c->arriving = is_low ? 0 : ask_wires(machine, i2c, I2C_READ, (control & C1_TXAK) != 0);
     i2c->loses = is_low && control & C1_TXAK;
     begin_byte(machine, i2c, CLOCKS_A_BYTE);
     return i2c->data;
@@ -177,6 +184,7 @@ static void control(struct machine *machine, struct i2c *i2c, uint8_t value)
     if (!(value & C1_IICEN))
         reset(machine, &i2c->device);
     i2c->registers[C1] = value & (uint8_t)~C1_RSTA;
+    i2c->status &= (uint8_t)~S_IAAS;
     i2c->asks_dma = i2c->asks_dma && value & C1_DMAEN;
     if (value & C1_IICEN && value & C1_MST && (!(before & C1_MST) || value & C1_RSTA)) {
         i2c->status |= S_BUSY;
@@ -211,9 +219,60 @@ static void write_byte(struct machine *machine, struct device *device, uint32_t 
         drive(machine, i2c);
     } else if (offset == D) {
         send(machine, i2c, value);
+    } else if (offset == FLT) {
+        i2c->registers[FLT] = (value & (uint8_t)~FLT_FLAGS) | (i2c->registers[FLT] & FLT_FLAGS & (uint8_t)~value);
     } else if (offset < REGISTERS) {
         i2c->registers[offset] = value;
     }
+}
+
+/* -- slave -------------------------------------------------------------------------------------------------------- */
+
+/* Note START or STOP on the wires. */
+static void note_condition(struct i2c *i2c, uint8_t flag)
+{
+    i2c->registers[FLT] |= flag;
+    if (i2c->registers[FLT] & FLT_SSIE)
+        i2c->status |= S_IICIF;
+}
+
+static bool match_address(struct i2c *i2c, uint8_t address)
+{
+    const uint8_t own = i2c->registers[A1] >> 1;
+    i2c->is_addressed = own && (i2c->registers[C1] & (C1_IICEN | C1_MST)) == C1_IICEN && own == address >> 1;
+    if (!i2c->is_addressed)
+        return false;
+    note_condition(i2c, FLT_STARTF);
+    i2c->status = S_TCF | S_IAAS | S_BUSY | S_IICIF | (address & 1 ? S_SRW : 0);
+    i2c->data = address;
+    return true;
+}
+
+int32_t machine_i2c_slave(struct machine *machine, uint32_t base, int32_t operation, uint32_t value)
+{
+    struct i2c *i2c = (struct i2c *)device_of(machine, base);
+    int32_t answer = 0;
+    if (!i2c || !i2c->device.is_clocked)
+        return 0;
+    if (operation == I2C_ADDRESS) {
+        answer = match_address(i2c, (uint8_t)value);
+    } else if (i2c->is_addressed && operation == I2C_STOP) {
+        i2c->is_addressed = false;
+        i2c->status &= (uint8_t)~S_BUSY;
+        note_condition(i2c, FLT_STOPF);
+    } else if (i2c->is_addressed) {
+        const uint8_t control = i2c->registers[C1];
+        i2c->status = (i2c->status & (uint8_t)~S_RXAK) | S_TCF | S_IICIF;
+        if (operation == I2C_WRITE) {
+            i2c->data = (uint8_t)value;
+            answer = !(control & C1_TXAK);
+        } else {
+            answer = control & C1_TX ? i2c->answer : UINT8_MAX;
+            i2c->status |= value ? S_RXAK : 0;
+        }
+    }
+    drive(machine, i2c);
+    return answer;
 }
 
 bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections)

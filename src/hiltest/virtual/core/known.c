@@ -64,7 +64,7 @@ bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uin
         machine->must_check = true;
     }
     *value = entry->value;
-    if (entry->reports_repeats) {
+    if (entry->counts_repeats) {
         entry->repeats++;
         entry->repeated_at = core->device_loads;
         cache->has_repeats = true;
@@ -73,7 +73,7 @@ bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uin
     return true;
 }
 
-/* Return the entry with unreported repetitions whose last one came first, or NULL. */
+/* Return the entry with uncounted repetitions whose last one came first, or NULL. */
 static struct known_answer *oldest_repeated(struct known_answers *cache)
 {
     struct known_answer *oldest = NULL;
@@ -93,7 +93,8 @@ void report_repeats(struct machine *machine)
         const int64_t repeats = entry ? entry->repeats : 0;
         if (entry) {
             entry->repeats = 0;
-            cache->report(cache->context, entry->address, entry->place, repeats);
+            count_accesses(machine, (struct machine_access){
+                .address = entry->address, .place = entry->place, .size = entry->size, .count = repeats});
         }
         cache->has_repeats = entry;
     }
@@ -128,13 +129,7 @@ void remember_answer(struct machine *machine, uint32_t address, uint32_t size, u
     *entry = (struct known_answer){
         .era = cache->era, .address = address, .place = core->r[15], .size = size, .value = value,
         .until = cache->until, .patience = is_another ? FIRST_PATIENCE : entry->patience,
-        .reports_repeats = cache->report && cache->declared & DEVICE_REPORTS};
-}
-
-void machine_report_repeated(struct machine *machine, machine_repeated report, void *context)
-{
-    machine->answer_cache.report = report;
-    machine->answer_cache.context = context;
+        .counts_repeats = (cache->declared & DEVICE_COUNTS) != 0};
 }
 
 void machine_load_changed(struct machine *machine)

@@ -30,6 +30,8 @@ enum fault_cause {
     CAUSE_WRITE_FLASH,
     CAUSE_READ_REFUSED,    /* the bus refused the access, for a reason that the host knows */
     CAUSE_WRITE_REFUSED,
+    CAUSE_READ_PROTECTED,  /* the system memory protection refused the access */
+    CAUSE_WRITE_PROTECTED,
     CAUSE_FETCH_UNMAPPED,  /* jump to `address` */
     CAUSE_NO_THUMB_BIT,    /* jump to the even address `address` */
     CAUSE_OPCODE,          /* `value`: the halfword, or both with the first in the upper half */
@@ -201,11 +203,20 @@ typedef void (*machine_entered)(void *context, int32_t function, int64_t cycle);
 enum device_byte {
     DEVICE_KEEPS = 1,   /* a load has no side effects */
     DEVICE_STEADY = 2,  /* it changes only at events, at stores to devices, and at loads that have side effects */
-    DEVICE_REPORTS = 4, /* the bus must be informed of loads that were answered without it */
+    DEVICE_COUNTS = 4,  /* its accesses are counted, also loads that were answered without it */
 };
 
-/* Called after loads of an address by the instruction at `place` were answered without the bus. */
-typedef void (*machine_repeated)(void *context, uint32_t address, uint32_t place, int64_t repeats);
+/* Accesses of an instruction to a register that is not modelled. */
+struct machine_access {
+    uint32_t address, place, size, value; /* value: of the first write */
+    bool is_write;
+    int64_t count;         /* accesses that were not reported yet */
+    int64_t reads;         /* since the latest write to any such register */
+    int64_t writes_before; /* number of writes to such registers before the latest access */
+};
+enum { MACHINE_POLLED_READS = 1000 }; /* more than any driver needs between two writes */
+/* Called for the first access of an instruction, when it has polled, and for further counts. */
+typedef void (*machine_accessed)(void *context, const struct machine_access *access);
 
 /* Make a machine without memories. baseline: an ARMv6-M core. */
 struct machine *machine_create(bool baseline);
@@ -216,12 +227,26 @@ void machine_connect(struct machine *machine, struct machine_bus bus);
  * outlive the machine. Repeated loads of steady bytes are answered without the bus. False if the address is not a
  * device's. */
 bool machine_declare_page(struct machine *machine, uint32_t base, const uint8_t *bytes);
+/* Let another master address an I2C module as slave: an operation of enum i2c_operation; the value of I2C_READ is 1 if the
+ * master does not acknowledge. Returns the acknowledgement, or the byte. */
+int32_t machine_i2c_slave(struct machine *machine, uint32_t base, int32_t operation, uint32_t value);
+/* Add the system memory protection; false if out of memory. */
+bool machine_add_sysmpu(struct machine *machine, uint32_t base);
+/* stored.c: add a page of registers that only store writes, with their 4096 bytes after reset; false if out of memory. */
+bool machine_add_stored(struct machine *machine, uint32_t base, const uint8_t *initial);
+void machine_log_accesses(struct machine *machine, machine_accessed report, void *context);
+/* Count an access by the current instruction to another register that is not modelled. */
+void machine_note_access(struct machine *machine, struct machine_access access);
+/* Report all counts, forget them, or stop counting. */
+void machine_report_accesses(struct machine *machine);
+void machine_forget_accesses(struct machine *machine);
+void machine_pause_accesses(struct machine *machine, bool is_paused);
+struct machine_access machine_latest_access(struct machine *machine);
 /* Send accesses to a further range of addresses to the bus: registers outside of the peripherals' first MiB and of the
  * processor's own. False if there are too many ranges. */
 bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size);
 /* Send stores to flash to the bus from now on, because its controller programs words by stores. */
 void machine_pass_flash_stores(struct machine *machine);
-void machine_report_repeated(struct machine *machine, machine_repeated report, void *context);
 /* For a device during a load: the load has a side effect. */
 void machine_load_changed(struct machine *machine);
 

@@ -186,10 +186,10 @@ class Machine:
                 "the snapshot has other memories or peripherals, or the machine is executing an instruction"
             )
 
-    def report_repeated(self, report: Callable[[int, int, int], None], abort: Callable[[BaseException], None]) -> None:
-        """Report repeated reads of an address by an instruction and their number; `abort` is called with exceptions."""
-        self._repeated = guarded_callback("void(void *, uint32_t, uint32_t, int64_t)", report, abort)
-        lib.machine_report_repeated(self.handle, self._repeated, ffi.NULL)
+    def log_accesses(self, report: Callable[[Any], None], abort: Callable[[BaseException], None]) -> None:
+        """Report accesses to unmodelled registers (struct machine_access); `abort` is called with exceptions."""
+        self._accessed = guarded_callback("void(void *, const struct machine_access *)", report, abort)
+        lib.machine_log_accesses(self.handle, self._accessed, ffi.NULL)
 
     def answers(self, first: int) -> Any:
         """Return the answers of devices to all loads since a load; None if they are no longer stored.

@@ -57,7 +57,8 @@ static bool overlaps(const struct memory *memory, uint32_t base, uint32_t size)
 void open_page(struct machine *machine, const struct memory *memory, uint32_t offset)
 {
     uint32_t address = memory->base + offset;
-    uint8_t *bytes = watchpoint_within(machine, address, PAGE_BYTES, WATCH_ACCESS) ? NULL : memory->bytes + offset;
+    const bool is_checked = machine->protects || watchpoint_within(machine, address, PAGE_BYTES, WATCH_ACCESS);
+    uint8_t *bytes = is_checked ? NULL : memory->bytes + offset;
     bool opens = memory->writable && !memory->copies[offset / PAGE_BYTES]
         && !memchr(memory->has_code + offset / 2, 1, PAGE_BYTES / 2);
     machine->readable[address >> PAGE_BITS] = bytes;
@@ -175,7 +176,7 @@ static bool is_device(const struct machine *machine, uint32_t address)
 
 bool machine_add_device_region(struct machine *machine, uint32_t base, uint32_t size)
 {
-    if (machine->region_count == REGIONS)
+    if (machine->region_count == BUS_REGIONS)
         return false;
     machine->regions[machine->region_count].base = base;
     machine->regions[machine->region_count++].size = size;
@@ -245,6 +246,8 @@ static uint32_t aliased(uint32_t address, uint32_t size, uint32_t *bit)
 static bool load_elsewhere(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value)
 {
     const struct memory *memory = memory_at(machine, address, size);
+    if (memory && machine->protects && !is_permitted(machine, address, size, false))
+        return refuse(machine, CAUSE_READ_PROTECTED, address, size);
     if (memory) {
         *value = assemble(memory->bytes + (address - memory->base), size);
         return true;
@@ -287,6 +290,8 @@ bool load(struct machine *machine, uint32_t address, uint32_t size, uint32_t *va
 static bool store_elsewhere(struct machine *machine, uint32_t address, uint32_t size, uint32_t value)
 {
     struct memory *memory = memory_at(machine, address, size);
+    if (memory && machine->protects && !is_permitted(machine, address, size, true))
+        return refuse(machine, CAUSE_WRITE_PROTECTED, address, size);
     if (memory && !memory->writable && machine->passes_flash_stores && machine->bus.read)
         return write_device(machine, address, size, value);
     if (memory && !memory->writable)
@@ -324,7 +329,7 @@ bool store(struct machine *machine, uint32_t address, uint32_t size, uint32_t va
     return true;
 }
 
-static void open_all_pages(struct machine *machine)
+void open_all_pages(struct machine *machine)
 {
     for (int i = 0; i < machine->memory_count; i++)
         for (uint32_t offset = 0; offset < machine->memories[i].size; offset += PAGE_BYTES)

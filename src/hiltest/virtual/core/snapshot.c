@@ -224,6 +224,7 @@ bool machine_restore(struct machine *machine, const struct snapshot *snapshot)
     machine->oldest_answer = snapshot->core.device_loads;
     if (snapshot->devices)
         restore_devices(machine, snapshot->devices);
+    update_protection(machine);
     machine->must_check = true;
     calls_reset(machine);
     return true;

@@ -48,8 +48,8 @@ struct known_answer {
     int64_t until;       /* cycle at which the answer may change */
     int32_t reads;       /* loads that it has answered */
     int32_t patience;    /* number of reads after which to check for a waiting loop */
-    bool reports_repeats;/* the device must be informed of repetitions */
-    int64_t repeats;     /* repetitions that were not reported yet */
+    bool counts_repeats; /* repetitions are counted, see stored.c */
+    int64_t repeats;     /* repetitions that were not counted yet */
     int64_t repeated_at; /* number of the last repeated load */
 };
 
@@ -57,8 +57,6 @@ struct known_answers {
     struct known_answer entries[KNOWN_ANSWERS];
     int64_t era;
     const uint8_t *devices[DEVICE_PAGES], *private_devices[DEVICE_PAGES]; /* see machine_declare_page, or NULL */
-    machine_repeated report;
-    void *context;
     bool has_repeats;
     struct known_answer *polled; /* an answer with exhausted patience, or NULL */
     int64_t asked;       /* number of loads that devices have answered */
@@ -104,7 +102,18 @@ struct short_loop {
 };
 
 struct device;
-enum { DEVICES = 32, BLOCKS = 16, REGIONS = 4 };
+enum { DEVICES = 64, BLOCKS = 16, BUS_REGIONS = 4 };
+
+/* stored.c */
+enum { LOGGED_ACCESSES = 256 };
+struct access_log {
+    struct machine_access entries[LOGGED_ACCESSES]; /* by address and instruction; size 0 if there is none */
+    int32_t latest;
+    int64_t writes;
+    bool is_paused;
+    machine_accessed report;
+    void *context;
+};
 
 struct machine {
     struct core core;
@@ -117,7 +126,7 @@ struct machine {
     struct prices prices;
     struct prices *tables;    /* further price tables, see machine_set_tables */
     int32_t table_count;      /* including `prices`; 0 before the first request for tables */
-    struct { uint32_t base, size; } regions[REGIONS]; /* see machine_add_device_region */
+    struct { uint32_t base, size; } regions[BUS_REGIONS]; /* see machine_add_device_region */
     int32_t region_count;
     bool passes_flash_stores; /* see machine_pass_flash_stores */
     uint32_t blocks[BLOCKS];  /* first addresses of memory blocks, in any order */
@@ -136,6 +145,9 @@ struct machine {
     struct calendar calendar;
     struct device *devices[DEVICES]; /* peripherals in C */
     int32_t device_count;
+    uint8_t first_on_page[DEVICE_PAGES]; /* one more than the index of the page's first device; 0 if there is none */
+    struct device *sysmpu; /* system memory protection, or NULL */
+    bool protects;       /* it refuses some accesses: pages are closed, so that each access is checked */
     struct device *dma;  /* the device that receives DMA requests, or NULL */
     uint64_t requests;   /* levels of the request sources */
     bool has_fired;      /* an event has fired since the call of machine_run */
@@ -146,6 +158,7 @@ struct machine {
     struct known_answers answer_cache;
     struct turn *turn;   /* buffer for a turn of a loop, or NULL, see loops.c */
     struct short_loop short_loops[SHORT_LOOPS];
+    struct access_log accesses;
     uint32_t answers[ANSWERS];   /* answers of devices to loads: number n is at n % ANSWERS */
     int64_t oldest_answer;       /* number of the oldest stored answer */
 };
@@ -178,6 +191,11 @@ void mark_code(struct machine *machine, uint32_t address, uint32_t size);
 void unmark_code(struct machine *machine);
 /* Let loads and stores access the bytes of a page directly, unless they must be checked. */
 void open_page(struct machine *machine, const struct memory *memory, uint32_t offset);
+void open_all_pages(struct machine *machine);
+/* sysmpu.c: close or open all pages after a change of the rights. */
+void update_protection(struct machine *machine);
+/* Return whether the core may access memory while `protects` is set; otherwise record the error in the registers. */
+bool is_permitted(struct machine *machine, uint32_t address, uint32_t size, bool writes);
 
 /* known.c: answer a load from a device by a cached value; false if the device has to be read. */
 bool recall_answer(struct machine *machine, uint32_t address, uint32_t size, uint32_t *value);
@@ -188,7 +206,9 @@ void remember_answer(struct machine *machine, uint32_t address, uint32_t size, u
 void hold_answer(struct machine *machine, int64_t until);
 /* Drop the cached answers, because devices may have changed. */
 void forget_answers(struct machine *machine);
-/* Report repeated loads to devices; must be called before any other access to them. */
+/* stored.c: count accesses; `place` is 0 for the current instruction. */
+void count_accesses(struct machine *machine, struct machine_access access);
+/* Count repeated loads of registers that are not modelled; must be called before any other access to them. */
 void report_repeats(struct machine *machine);
 
 /* loops.c: execute one turn of a loop that polls a device or memory, and count the equal turns up to a cycle without

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
 from functools import cache
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 from hiltest.state import HasState, Restorable
 from hiltest.virtual.core.library import ffi, lib
@@ -36,7 +36,7 @@ class Peripheral(HasState, Protocol):
     peripheral, and whose reads have no side effects. The core reads them once, and repeats the values until then. If a
     read does have a side effect, `read` calls the processor's `report_changing_read`. A peripheral may also declare
     `counters`: bytes that change with time, and whose reads have no side effects. A read of any other byte may change
-    any peripheral. A peripheral that is a `CountsReads` is informed of the reads that the core has answered.
+    any peripheral. A peripheral with a true `counts_accesses` has registers whose accesses the core counts.
     """
 
     name: str
@@ -108,21 +108,12 @@ class StoredRegisters(Restorable):
         self._bytes[offset : offset + size] = value.to_bytes(size, "little")
 
 
-@runtime_checkable
-class CountsReads(Protocol):
-    """A peripheral that counts the reads that the core has answered."""
-
-    def count_repeats(self, address: int, place: int, reads: int) -> None:
-        """Count reads of an address by the instruction at `place`."""
-        ...
-
-
 @cache
-def _declare_bytes(steady: frozenset[int], counters: frozenset[int], *, counts_reads: bool) -> Any:
+def _declare_bytes(steady: frozenset[int], counters: frozenset[int], *, counts_accesses: bool) -> Any:
     """Return the declaration of each byte of a page; pages with equal declarations share it."""
-    reports = lib.DEVICE_REPORTS if counts_reads else 0
-    kinds = dict.fromkeys(counters, lib.DEVICE_KEEPS | reports)
-    kinds |= dict.fromkeys(steady, lib.DEVICE_KEEPS | lib.DEVICE_STEADY | reports)
+    counted = lib.DEVICE_COUNTS if counts_accesses else 0
+    kinds = dict.fromkeys(counters, lib.DEVICE_KEEPS | counted)
+    kinds |= dict.fromkeys(steady, lib.DEVICE_KEEPS | lib.DEVICE_STEADY | counted)
     return ffi.new("uint8_t[]", [kinds.get(offset, 0) for offset in range(_PAGE)])
 
 
@@ -154,20 +145,15 @@ class PeripheralBus(Restorable):
         self._declare(processor)
 
     def _declare(self, processor: Processor) -> None:
-        """Declare the steady bytes to the core, and have it report repeated reads."""
+        """Declare the steady bytes to the core."""
         machine = processor.machine
         for page, peripheral in self._pages.items():
             steady = frozenset(getattr(peripheral, "steady", NONE_STEADY))
             counters = frozenset(getattr(peripheral, "counters", NONE_STEADY))
             if steady or counters:
-                declared = _declare_bytes(steady, counters, counts_reads=isinstance(peripheral, CountsReads))
+                counts = bool(getattr(peripheral, "counts_accesses", False))
+                declared = _declare_bytes(steady, counters, counts_accesses=counts)
                 lib.machine_declare_page(machine.handle, page << 12, declared)
-        machine.report_repeated(self._report_repeated, processor.abort)
-
-    def _report_repeated(self, address: int, place: int, reads: int) -> None:
-        peripheral = self._pages[address >> 12]
-        if isinstance(peripheral, CountsReads):
-            peripheral.count_repeats(address, place, reads)
 
     def _checked_read(self, address: int, size: int) -> int:
         """Read a register for a load; raise `RefusedAccess` for a bus error."""

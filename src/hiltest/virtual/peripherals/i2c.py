@@ -1,4 +1,4 @@
-"""I2C masters in the core's library, whose transfers reach the parts on the bus through Python."""
+"""I2C modules in the core's library, whose transfers reach the parts on the bus, and each other, through Python."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from hiltest.state import Restorable
 from hiltest.virtual.core.library import ffi, guarded_callback, lib
-from hiltest.virtual.core.machine import NEVER
+from hiltest.virtual.core.machine import NEVER, Machine
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
@@ -16,12 +17,13 @@ from hiltest.virtual.peripherals.sim import ClockGates
 from hiltest.virtual.processor.clock import PICOSECONDS
 from hiltest.virtual.processor.cpu import Processor
 
-_D = 4
+_A1, _C1, _D = 0, 2, 4
+_C1_ENABLED, _C1_MASTER = 0x80, 0x20
 _ADDRESS, _WRITE, _READ, _STOP = lib.I2C_ADDRESS, lib.I2C_WRITE, lib.I2C_READ, lib.I2C_STOP
 
 
 class I2c(CoreDevice):
-    """A Kinetis I2C module, as master."""
+    """A Kinetis I2C module."""
 
     steady = frozenset(ALL_STEADY) - {_D}
 
@@ -44,6 +46,48 @@ class I2c(CoreDevice):
         lib.machine_hold_wire(self._handle, self.base, wire, _picoseconds(hold.begin_s), _picoseconds(hold.end_s))
 
 
+class I2cSlave(Restorable):
+    """An I2C module as a part on the bus of another master, see core/i2c.c.
+
+    Parameters
+    ----------
+    module
+        The module that listens.
+    bus
+        Bus of the master.
+    """
+
+    def __init__(self, machine: Machine, module: I2c, bus: I2cBus) -> None:
+        self._handle, self._module, self._bus = machine.handle, module, bus
+
+    @property
+    def address(self) -> int:
+        """Address to which it listens; -1 if it does not."""
+        control = self._module.read(_C1, 1)
+        listens = self._module.clocked and control & (_C1_ENABLED | _C1_MASTER) == _C1_ENABLED
+        return self._module.read(_A1, 1) >> 1 or -1 if listens else -1
+
+    def start(self, reading: bool, time_s: float) -> bool:
+        """Address the module."""
+        return bool(self._pass_on(_ADDRESS, self.address << 1 | reading))
+
+    def write(self, value: int, time_s: float) -> bool:
+        """Send a byte to the module; return True if it acknowledges."""
+        return bool(self._pass_on(_WRITE, value))
+
+    def read(self, time_s: float) -> int:
+        """Return the byte that the module sends."""
+        return self._pass_on(_READ, int(self._bus.is_refused))
+
+    def stop(self, time_s: float) -> None:
+        """End the transfer."""
+        self._pass_on(_STOP, 0)
+
+    def _pass_on(self, operation: int, value: int) -> int:
+        answer: int = lib.machine_i2c_slave(self._handle, self._module.base, operation, value)
+        return answer
+
+
 def _picoseconds(time_s: float) -> int:
     return NEVER if math.isinf(time_s) else math.ceil(time_s * PICOSECONDS)
 
@@ -54,6 +98,7 @@ def _bus_callback(bus: I2cBus, abort: Callable[[BaseException], None]) -> Any:
     def ask(operation: int, value: int, time: int) -> int:
         time_s = time / PICOSECONDS
         if operation == _READ:
+            bus.is_refused = bool(value)
             return bus.read(time_s)
         if operation == _WRITE:
             return bus.write(value, time_s)

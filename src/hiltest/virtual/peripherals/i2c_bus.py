@@ -55,6 +55,12 @@ class I2cBus(Restorable):
     ----------
     on_hold : callable
         Called to hold a line low for a time, instead of the previous hold.
+    slave : I2cDevice or None
+        Another I2C module of the chip, which hears addresses that no part has.
+    is_refused : bool
+        True if the master does not acknowledge the byte that it is reading.
+    booting : dict of int to float
+        Parts that were still booting when they were addressed last, by address, and the time of that [virtual s].
     """
 
     def __init__(self, devices: Sequence[I2cDevice]) -> None:
@@ -62,11 +68,18 @@ class I2cBus(Restorable):
         if len(self._devices) != len(devices):
             raise ValueError("two parts on one bus have the same address")
         self.on_hold: Callable[[HeldLine], None] = lambda _hold: None
+        self.slave: I2cDevice | None = None
+        self.is_refused = False
+        self.booting: dict[int, float] = {}
         self._addressed: I2cDevice | None = None
         self._after_stop: dict[int, Callable[[], None]] = {}
 
     def parts(self) -> Iterable[I2cDevice]:
         return self._devices.values()
+
+    def part_name(self, address: int) -> str:
+        """Return the name of the part at an address, such as ``FXAS21002C``."""
+        return type(self._devices[address]).__name__.upper()
 
     def call_after_stop(self, device: I2cDevice, action: Callable[[], None]) -> None:
         """Call `action` after each STOP that ends an access to a part."""
@@ -75,8 +88,17 @@ class I2cBus(Restorable):
     def address(self, byte: int, time_s: float) -> bool:
         """Send the address byte that follows a START."""
         device = self._devices.get(byte >> 1)
-        if device is None or not device.start(bool(byte & 1), time_s):
+        self.booting.pop(byte >> 1, None)
+        if device is None:
+            is_slave = self.slave is not None and self.slave.address == byte >> 1
+            device = self.slave if is_slave else None
+            self._addressed = device
+            return device is not None and device.start(bool(byte & 1), time_s)
+        if not device.start(bool(byte & 1), time_s):
             self._addressed = None
+            responds: Callable[[float], bool] | None = getattr(device, "responds", None)
+            if responds is not None and not responds(time_s):
+                self.booting[byte >> 1] = time_s
             return False
         self._addressed = device
         return True

@@ -12,7 +12,9 @@ from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.cpu import Processor
 
 _BITS_A_BYTE = 10
-_D = 7
+_C2, _D = 3, 7
+_C2_TE_RE = 0x0C
+_BAUD_TOLERANCE = 0.03  # as in core/uart.c: beyond it bytes are garbled
 
 
 class Uart(CoreDevice):
@@ -57,6 +59,13 @@ class Uart(CoreDevice):
     def line_baud(self, baud: int) -> None:
         self._line_baud = baud
         lib.machine_set_line_baud(self._handle, self.base, baud, round(_BITS_A_BYTE * PICOSECONDS / baud))
+
+    @property
+    def wrong_speed(self) -> str:
+        """Return a sentence if the firmware uses the line at another rate than its far end; empty otherwise."""
+        if not self.read(_C2, 1) & _C2_TE_RE or abs(self.baud / self.line_baud - 1.0) <= _BAUD_TOLERANCE:
+            return ""
+        return describe_speeds(self.name, self.baud, self.line_baud)
 
     def host_write(self, data: bytes) -> None:
         """Put bytes on the line towards the board, one after the other at line speed.
@@ -105,3 +114,11 @@ class Uart(CoreDevice):
         if lib.machine_uart_read(self._handle, self.base, data, size) < 0:
             raise BenchError(f"{self.name} of the virtual board has lost bytes: 16 MiB before them were not fetched")
         return bytes(data)
+
+
+def describe_speeds(name: str, baud: float, line_baud: int) -> str:
+    """Return a sentence about a UART whose firmware has another rate than the line [bit/s]."""
+    return (
+        f"the firmware runs {name} at {baud:.0f} baud, and the line is read at {line_baud} baud: "
+        "set the same speed at both ends (baud under [link] in the rig, or in the firmware)"
+    )

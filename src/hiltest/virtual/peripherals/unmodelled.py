@@ -6,13 +6,17 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from hiltest.state import Restorable
+from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.part.chip import Chip, ChipPeripheral
-from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
+from hiltest.virtual.peripherals.bus import ALL_STEADY
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.processor.cpu import Processor
 
-_POLLED_READS = 1000  # reads of a register by one instruction between writes: more than any driver needs
+_PAGE_BYTES = 4096
 
 
 class UnmodelledWarning(UserWarning):
@@ -52,94 +56,92 @@ class UnmodelledLog(Restorable):
 
     Attributes
     ----------
-    listens : bool
-        True while accesses are recorded; those of a debugger are not.
     on_wait : callable
         Called with one line when firmware waits for a register, once for each instruction that waits.
     """
 
     def __init__(self, processor: Processor, chip: Chip) -> None:
-        self.listens = True
         self.on_wait: Callable[[str], None] = lambda line: warnings.warn(line, UnmodelledWarning, stacklevel=2)
         self._processor = processor
         self._chip = chip
         self._first: dict[str, UnmodelledAccess] = {}
         self._count: Counter[str] = Counter()
-        self._reads: dict[tuple[int, int], int] = {}  # since the last write, by address and instruction
-        self._last = 0, 0
         self._reported: set[tuple[int, int]] = set()
+        self._reported_interrupts: set[str] = set()
+        self._handle = processor.machine.handle
+        processor.machine.log_accesses(self._take, processor.abort)
+
+    def pause(self, pauses: bool) -> None:
+        """Count no accesses for a time, because they are a debugger's."""
+        lib.machine_pause_accesses(self._handle, pauses)
+
+    def state(self) -> Any:
+        lib.machine_report_accesses(self._handle)
+        return super().state()
+
+    def restore(self, state: Any) -> None:
+        super().restore(state)
+        lib.machine_forget_accesses(self._handle)
 
     @property
     def accesses(self) -> tuple[UnmodelledAccess, ...]:
         """The first access to each register, in order."""
+        lib.machine_report_accesses(self._handle)
         return tuple(replace(access, accesses=self._count[name]) for name, access in self._first.items())
 
     @property
     def polled(self) -> str:
         """Return a description of the register that firmware polls; empty if there is none."""
-        if self._reads.get(self._last, 0) < _POLLED_READS:
+        latest = lib.machine_latest_access(self._handle)
+        if latest.reads < lib.MACHINE_POLLED_READS:
             return ""
-        address = self._last[0]
-        return f", polling {self._chip.register_name(address)} at 0x{address:08x}, which is not modelled"
-
-    def count_repeats(self, address: int, place: int, reads: int) -> None:
-        """Count reads of an address by the instruction at `place`."""
-        self._last = address, place
-        self._count[self._chip.register_name(address) or f"0x{address:08x}"] += reads
-        self._add_reads(reads)
+        name = self._chip.register_name(latest.address)
+        return f", polling {name} at 0x{latest.address:08x}, which is not modelled"
 
     def note(self, address: int, size: int, written: int | None) -> None:
-        """Record an access."""
-        if not self.listens:
-            return
-        self._last = address, self._processor.registers.pc.get()
-        if written is None:
-            self._add_reads(1)
-        else:
-            self._reads.clear()
+        """Record an access by the current instruction."""
+        access = {"address": address, "size": size, "value": written or 0, "is_write": written is not None, "count": 1}
+        lib.machine_note_access(self._handle, ffi.new("struct machine_access *", access)[0])
+
+    def report_interrupts(self, clause: str, place: int) -> None:
+        """Report once that firmware waits at `place` for interrupts of unmodelled modules, which a clause names."""
+        if clause and clause not in self._reported_interrupts:
+            self._reported_interrupts.add(clause)
+            self.on_wait(f"firmware waits{clause}, at {self._processor.place(place)}")
+
+    def _take(self, access: Any) -> None:
+        """Take a report of the core: counts of an instruction's accesses, and whether it polls."""
+        address, place = access.address, access.place
         name = self._chip.register_name(address) or f"0x{address:08x}"
-        self._add(name, address, written, size, "was stored")
+        self._count[name] += access.count
+        if name not in self._first:
+            self._add(name, address, access.value if access.is_write else None, access.size, place, "was stored")
+        if access.reads >= lib.MACHINE_POLLED_READS and (address, place) not in self._reported:
+            self._reported.add((address, place))
+            where = self._processor.place(place)
+            self.on_wait(f"firmware waits for {name} at 0x{address:08x}, which is not modelled, at {where}")
 
     def note_command(self, name: str, address: int, code: int, outcome: str) -> None:
         """Record a command that a modelled peripheral does not carry out."""
-        self._add(name, address, code, 1, outcome)
-
-    def _add(self, name: str, address: int, written: int | None, size: int, outcome: str) -> None:
         self._count[name] += 1
-        if name in self._first:
-            return
-        place = self._processor.place(self._processor.registers.pc.get())
-        now = self._processor.now()
+        if name not in self._first:
+            self._add(name, address, code, 1, self._processor.registers.pc.get(), outcome)
+
+    def _add(self, name: str, address: int, written: int | None, size: int, pc: int, outcome: str) -> None:
+        place, now = self._processor.place(pc), self._processor.now()
         self._first[name] = UnmodelledAccess(name, address, written, size, place, now, outcome=outcome)
 
-    def _add_reads(self, reads: int) -> None:
-        """Count reads by the last instruction, and report if it waits."""
-        address, pc = self._last
-        self._reads[self._last] = self._reads.get(self._last, 0) + reads
-        if self._reads[self._last] >= _POLLED_READS and self._last not in self._reported:
-            self._reported.add(self._last)
-            name, place = self._chip.register_name(address), self._processor.place(pc)
-            self.on_wait(f"firmware waits for {name} at 0x{address:08x}, which is not modelled, at {place}")
 
-
-class UnmodelledPage(StoredRegisters):
-    """One page of unmodelled registers."""
+class UnmodelledPage(CoreDevice):
+    """One page of unmodelled registers, in the core's library (core/stored.c)."""
 
     steady = ALL_STEADY
+    counts_accesses = True
 
-    def __init__(self, base: int, peripherals: list[ChipPeripheral], chip: Chip, log: UnmodelledLog) -> None:
-        self._log = log
-        super().__init__(", ".join(entry.name for entry in peripherals), base, chip.reset_bytes(base))
-
-    def count_repeats(self, address: int, place: int, reads: int) -> None:
-        self._log.count_repeats(address, place, reads)
-
-    def read(self, offset: int, size: int) -> int:
-        """Return the last written value, or the value after reset."""
-        address = self.base + offset
-        self._log.note(address, size, None)
-        return super().read(offset, size)
-
-    def write(self, offset: int, size: int, value: int) -> None:
-        self._log.note(self.base + offset, size, value)
-        super().write(offset, size, value)
+    def __init__(self, machine: Machine, base: int, peripherals: list[ChipPeripheral], chip: Chip) -> None:
+        initial = bytearray(_PAGE_BYTES)
+        for offset, value in chip.reset_bytes(base).items():
+            initial[offset] = value
+        if not lib.machine_add_stored(machine.handle, base, bytes(initial)):
+            raise MemoryError
+        super().__init__(machine, ", ".join(entry.name for entry in peripherals), base)

@@ -62,6 +62,8 @@ def _data_access(machine: Machine, fault: Any) -> str:
         lib.CAUSE_READ_UNMAPPED: "read of unmapped address",
         lib.CAUSE_WRITE_UNMAPPED: "write to unmapped address",
         lib.CAUSE_WRITE_FLASH: "write to flash at address",
+        lib.CAUSE_READ_PROTECTED: "read refused by the SYSMPU at address",
+        lib.CAUSE_WRITE_PROTECTED: "write refused by the SYSMPU at address",
         lib.CAUSE_READ_REFUSED: "read of",
         lib.CAUSE_WRITE_REFUSED: "write to",
     }[fault.cause]

@@ -23,6 +23,7 @@ from elftools.elf.elffile import ELFFile
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
 from hiltest.virtual.program.image_formats import convert_to_elf
+from hiltest.virtual.program.other_chips import machine_title, other_chip
 from hiltest.virtual.program.signatures import Signature, read_signature, read_subprograms
 
 # Build attributes, from the addenda to the Arm ABI: profile, architecture and floating-point unit.
@@ -166,12 +167,13 @@ class FirmwareImage:
         try:
             self._elf = ELFFile(io.BytesIO(content))
             self.hard_float = bool(self._elf.header.e_flags & _HARD_FLOAT)
-            self._check_processor(CORES[core])
+            self._check_file(CORES[core])
             self.segments = self._read_segments()
             self._marks: list[tuple[int, bool]] = []  # address, and whether code begins at it
             self.source_names: set[str] = set()
             self._all_symbols = self._read_symbols()
             self.symbols = {symbol.name: symbol for symbol in self._all_symbols}
+            self._check_processor(CORES[core])
         except ConfigError:
             raise
         except Exception as error:  # the parser raises many types for a damaged file, from struct.error to KeyError
@@ -180,15 +182,18 @@ class FirmwareImage:
                 "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin, or --base ADDRESS)"
             ) from error
 
-    def _check_processor(self, core: Core) -> None:
+    def _check_file(self, core: Core) -> None:
         header = self._elf.header
         if header.e_machine != "EM_ARM" or self._elf.elfclass != 32 or not self._elf.little_endian:
+            title = machine_title(header.e_machine)
             raise ConfigError(
-                f"{self.name}: built for {header.e_machine} ({self._elf.elfclass} bit), "
+                f"{self.name}: built for {f'{title}: ' if title else ''}{header.e_machine} ({self._elf.elfclass} bit), "
                 f"the board has an Arm {core.title}; build with arm-none-eabi-gcc {core.remedy}"
             )
         if header.e_type != "ET_EXEC":
             raise ConfigError(f"{self.name}: {header.e_type} is not an executable; link it first")
+
+    def _check_processor(self, core: Core) -> None:
         attributes = self._attributes()
         profile = attributes.get("TAG_CPU_ARCH_PROFILE", _PROFILE_M)
         architecture, floating = attributes.get("TAG_CPU_ARCH", 0), attributes.get("TAG_FP_ARCH", 0)
@@ -199,9 +204,10 @@ class FirmwareImage:
         elif floating not in core.floating_point or (self.hard_float and core.floating_point == _NO_FPU):
             unit = "another floating-point unit"
         if unit:
+            chip = other_chip(self)
             raise ConfigError(
-                f"{self.name}: its attributes say that it is built for {unit}, not for a {core.title}: "
-                f"build with {core.remedy}"
+                f"{self.name}: {f'{chip}: ' if chip else ''}its attributes say that it is built for {unit}, "
+                f"not for a {core.title}: build with {core.remedy}"
             )
 
     def _attributes(self) -> dict[str, Any]:
@@ -212,6 +218,15 @@ class FirmwareImage:
             for part in subsection.iter_subsubsections():
                 values |= {attribute.tag: attribute.value for attribute in part.iter_attributes()}
         return values
+
+    def section(self, name: str) -> bytes:
+        """Return the content of a section, such as a table of names; empty if it is missing or damaged."""
+        try:
+            with self._reading:
+                section: Any = self._elf.get_section_by_name(name)
+                return b"" if section is None else bytes(section.data())
+        except Exception:  # an unloaded section may be damaged
+            return b""
 
     def _read_segments(self) -> tuple[LoadSegment, ...]:
         """Read the loadable segments in file order; a segment of zeroed data has no content."""

@@ -261,15 +261,22 @@ class Fxos8700cq(RegisterDevice):
             return False
         if register == CTRL_REG1:
             self._write_control1(value, time_s)
-        elif not self._registers[CTRL_REG1] & _ACTIVE:  # configuration only changes in standby
+        elif (active := self._registers[CTRL_REG1] & _ACTIVE) and register != M_CTRL_REG1:
+            return True  # the register map's notes: settings but M_CTRL_REG1 change in standby only
+        else:
             stored = value & _KEPT.get(register, 0xFF)
+            is_new_mode = active and stored != self._registers[register]
+            if is_new_mode:
+                self._halt(time_s)
             is_low_offset = M_OFF_X_MSB <= register <= M_OFF_Z_LSB and (register - M_OFF_X_MSB) % 2
             self._registers[register] = stored & 0xFE if is_low_offset else stored
             if register == F_SETUP:
                 self._fifo.configure(value, time_s)
             elif register == M_CTRL_REG2 and value & _RESET_EXTREMES:
                 self._extremes.restart(time_s)
-            elif register == M_CTRL_REG1 and value & _ONE_SHOT:
+            elif is_new_mode:
+                self._begin(time_s)
+            elif register == M_CTRL_REG1 and value & _ONE_SHOT and not active:  # it measures in standby
                 self._measure_once(time_s)
         return True
 
@@ -309,12 +316,15 @@ class Fxos8700cq(RegisterDevice):
             return  # in active mode only a change to standby is possible
         self._registers[CTRL_REG1] = value
         if was_active:
-            self._accelerometer.halt(time_s)
-            self._magnetometer.halt(time_s)
-            self._fifo.halt(time_s)
-            self._follow_extremes(time_s)
+            self._halt(time_s)
         elif value & _ACTIVE:
             self._begin(time_s)
+
+    def _halt(self, time_s: float) -> None:
+        self._accelerometer.halt(time_s)
+        self._magnetometer.halt(time_s)
+        self._fifo.halt(time_s)
+        self._follow_extremes(time_s)
 
     def _begin(self, time_s: float) -> None:
         mode = self._registers[M_CTRL_REG1] & 3

@@ -6,6 +6,7 @@ import math
 
 from hiltest.world.recorded_motion import Sensed
 from hiltest.world.sensors.register_table import read_table
+from hiltest.world.sensors.sensor_setup import SensorSetup
 from hiltest.world.sensors.table_sensor import TableSensor
 
 _UT_PER_GAUSS = 100.0
@@ -17,6 +18,10 @@ class Qmc5883p(TableSensor):
     """The part over I2C, along its own axes."""
 
     table = read_table(__file__)
+
+    def __init__(self, setup: SensorSetup) -> None:
+        self._announced = 0.0, -1  # rate and number of the latest sample that STATUS has shown as new
+        super().__init__(setup)
 
     def rate_hz(self, quantity: Sensed) -> float:
         """Return the data rate, which the oversampling determines in continuous mode."""
@@ -42,13 +47,15 @@ class Qmc5883p(TableSensor):
         self.set_field("operating mode", _SUSPEND)
 
     def computed(self, register: str, time_s: float) -> int | None:
-        """Return the status: a sample of which no axis was read, and an axis beyond the range."""
+        """Return the status: a new sample, until STATUS or the data are read, and an axis beyond the range."""
         if register != "STATUS":
             return None
         output, limit = self.outputs[0], self.table.data["overflow_counts"]
         latest = output.latest(time_s)
-        ready = _READY if self.is_ready(quantity=output.quantity, time_s=time_s) else 0
-        return ready | (_OVERFLOW if ready and max(map(abs, output.counts(latest))) > limit else 0)
+        before, self._announced = self._announced, (output.rate_hz, latest)
+        ready = self.is_ready(output.quantity, time_s) and before != self._announced
+        is_beyond = max(map(abs, (output.word_at(time_s, axis) for axis in range(3)))) > limit
+        return (_READY if ready else 0) | (_OVERFLOW if is_beyond else 0)
 
     @property
     def _oversampling(self) -> int:

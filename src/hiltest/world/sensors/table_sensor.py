@@ -60,15 +60,6 @@ class TableSensor(RegisterDevice):
         """Return the interrupt pins of the part and its companions."""
         return sum((model.table.pins for model in (cls, *cls.companion_models)), ())
 
-    @classmethod
-    def sensor_names(cls) -> dict[str, str]:
-        """Return the name of each sensor in a rig, by kind: the part's name, with the kind if there are several."""
-        rows = cls.every_output()
-        return {
-            row.quantity.key: cls.table.part if len(rows) == 1 else f"{cls.table.part} {row.quantity.key}"
-            for row in rows
-        }
-
     def parts(self) -> tuple[Restorable, ...]:
         """Return the outputs and companions."""
         return (*self.outputs, *self.companions)

@@ -8,6 +8,7 @@ from hiltest.errors import BenchError
 from hiltest.virtual.part.chip import Chip, ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.nrf51.block import CLOCK_HZ, Alarm, Block
+from hiltest.virtual.peripherals.uart import describe_speeds
 from hiltest.virtual.processor.cpu import Processor
 
 _START_RX, _STOP_RX, _START_TX, _STOP_TX, _SUSPEND = 0x00, 0x04, 0x08, 0x0C, 0x1C
@@ -68,6 +69,12 @@ class Uart(Block):
     def baud(self) -> float:
         """Rate that the firmware has set up [bit/s]."""
         return self.word(_BAUD_RATE) * CLOCK_HZ / (1 << 32)
+
+    @property
+    def wrong_speed(self) -> str:
+        """Return a sentence if the firmware uses the line at another rate than its far end; empty otherwise."""
+        is_on = self.word(_ENABLE) == _ENABLED
+        return describe_speeds(self.name, self.baud, self.line_baud) if is_on and not self._is_understood else ""
 
     @property
     def _is_understood(self) -> bool:
