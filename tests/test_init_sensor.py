@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from tests.command_files import run
 
+from hiltest.errors import ConfigError
 from hiltest.measurement import sensor_registers
 from hiltest.rig import build_sensors, build_world, parts
 from hiltest.rig.rig_file import load_rig
@@ -30,17 +31,48 @@ def test_the_frame_of_a_sensor_passes_its_test_as_written(tmp_path: Path, capsys
     assert "2 passed" in done.stdout
 
 
-def test_a_rig_names_a_sensor_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def installed_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A rig with the sensor of a frame, found as an installation would, without a network."""
     assert run("init", str(tmp_path), "--sensor", "ak8963") == 0
     project = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]
     ((group, entries),) = project["entry-points"].items()
-    monkeypatch.syspath_prepend(tmp_path)  # what an installation does, without a network
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "ak8963", raising=False)
     installed = [EntryPoint(name, value, group) for name, value in entries.items()]
     for module in (parts, sensor_registers):
         monkeypatch.setattr(module, "entry_points", lambda *, group: [row for row in installed if row.group == group])
     file = tmp_path / "rig.toml"
     file.write_text(f'{RIG.read_text()}\n[[sensors.parts]]\npart = "ak8963"\ninterrupts = {{ DRDY = "PTC5" }}\n')
-    rig = load_rig(file)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "reason"),
+    [
+        ("ak8963.py", "class Ak8963(TableSensor)", "class Ak8963", "is no subclass of TableSensor"),
+        ("ak8963.py", "import Sensed", "import Felt", "cannot be imported, ImportError"),
+        (
+            "ak8963.toml",
+            'register = "OUT_X_L"',
+            'register = "OUT"',
+            "cannot be imported, ConfigError: .*no register table",
+        ),
+    ],
+)
+def test_a_mistake_in_a_plugin_is_named_with_the_rig_s_line(
+    installed_rig: Path, file: str, old: str, new: str, reason: str
+) -> None:
+    source = installed_rig.with_name(file)
+    text = source.read_text()
+    assert old in text
+    source.write_text(text.replace(old, new))
+    with pytest.raises(ConfigError, match=rf"rig\.toml:\d+: sensors\.parts\.0\.part: .*{reason}"):
+        load_rig(installed_rig)
+
+
+def test_a_rig_names_a_sensor_by_its_entry_point(installed_rig: Path) -> None:
+    rig = load_rig(installed_rig)
     part = build_sensors(rig, build_world(rig), seed=1)["i2c1"][-1]
     assert (type(part).__name__, part.address) == ("Ak8963", 0x30)
     assert sensor_registers.registers_of.__wrapped__("AK8963")[0x02].name == "CONTROL"

@@ -7,6 +7,9 @@ import pytest
 
 from hiltest.world.earth_field import EarthField
 from hiltest.world.recorded_motion import Playback, Sensed, Track
+from hiltest.world.sensors import SensorSetup
+from hiltest.world.sensors.lis3mdl import Lis3mdl
+from hiltest.world.sensors.lsm303agr_a import Lsm303agrA
 from hiltest.world.sensors.register_device import RegisterDevice
 from hiltest.world.world import World
 
@@ -64,3 +67,23 @@ def test_offset_registers_act_on_a_recording_as_on_the_world() -> None:
 def test_what_is_not_recorded_is_simulated_as_before(make) -> None:
     simulated = words(make(World(EarthField(48.5, 62.0))))
     assert words(make(playing(accelerometer=(0.0, 0.0, 1.0)))) == simulated
+
+
+def test_a_part_of_a_table_measures_a_recording_along_its_place() -> None:
+    world = playing(magnetometer=(12.34, -20.0, 30.0), accelerometer=(0.1, -0.2, 0.97))
+    magnetometer = Lis3mdl(SensorSetup(world, axes=("y", "-x", "z")))  # body x is the part's y
+    write(magnetometer, 0.02, 0x22, 0x00)
+    field = np.frombuffer(read(magnetometer, 1.0, 0x28, 6), "<i2")
+    assert field.tolist() == [round(68.42 * item) for item in (20.0, 12.34, 30.0)]
+    accelerometer = Lsm303agrA(SensorSetup(world, axes=("x", "-y", "-z")))
+    write(accelerometer, 0.02, 0x23, 0x08)  # high resolution, 0.98 mg in the upper 12 bits
+    write(accelerometer, 0.02, 0x20, 0x57)  # 100 Hz
+    force = np.frombuffer(read(accelerometer, 1.0, 0xA8, 6), "<i2") >> 4
+    assert force.tolist() == [
+        round(item / 0.98e-3) for item in (-0.1, -0.2, 0.97)
+    ]  # the axis that points up reads +1 g
+    beyond = Lis3mdl(SensorSetup(playing(magnetometer=(2000.0, 0.0, 0.0))))
+    write(beyond, 0.02, 0x22, 0x00)
+    assert np.frombuffer(read(beyond, 1.0, 0x28, 6), "<i2").tolist() == [32_767, 0, 0]
+    assert beyond.setup.world.playback is not None
+    assert "1 samples of the LIS3MDL were beyond 1600 uT" in "; ".join(beyond.setup.world.playback.remarks())

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from hiltest.errors import nearest_hint
 from hiltest.measurement.sensor_registers import GROUP
-from hiltest.rig.toml_tables import Axes, SensorPart, Triple, require
+from hiltest.rig.toml_tables import Axes, RigValueError, SensorPart, Triple, require
 
 if TYPE_CHECKING:
     from hiltest.rig.world import SimulatedWorld
@@ -277,7 +277,11 @@ def load_model(name: str, key: str = "part") -> type[TableSensor]:
     places = {**own, **MODELS}
     require(name in places, key, f"no part {name!r}; {nearest_hint(name, [*PARTS, *places])}")
     module, _, attribute = places[name].partition(":")
-    model = getattr(import_module(module), attribute, None)
+    try:
+        model = getattr(import_module(module), attribute, None)
+    except Exception as error:  # a user's module may raise anything
+        message = f"{places[name]} cannot be imported, {type(error).__name__}: {error}"
+        raise RigValueError(key, message) from error
     require(
         isinstance(model, type) and issubclass(model, TableSensor),
         key,

@@ -28,7 +28,6 @@ _DBR, _LSBFE = 1 << 31, 1 << 24
 _PRESCALERS, _DELAY_PRESCALERS = (2, 3, 5, 7), (1, 3, 5, 7)
 _SCALERS = (2, 4, 6, *(1 << power for power in range(3, 16)))  # of BR
 _CHIP_SELECTS = 6
-_KEPT = _TCF | _EOQF | _RFOF  # flags that stay until firmware writes a one; TFFF and RFDF follow the FIFOs
 
 
 class Dspi(Restorable):
@@ -84,7 +83,7 @@ class Dspi(Restorable):
         """Return to the state after reset: disabled."""
         self._cancel()
         self._registers = dict(self._initial)
-        self._flags = 0
+        self._flags = 0  # TCF, EOQF, RFOF, until firmware writes a one; TFFF and RFDF follow the FIFOs
         self._sending: deque[int] = deque()
         self._received: deque[int] = deque()
         self._end = 0

@@ -1,13 +1,32 @@
-"""Recognition of images for another chip than the MK64FN1M0, by the marks in ``chips.toml``.
+"""Recognition of images for another chip than the MK64FN1M0, by the marks in ``chips.csv``.
 
 Names decide if there are any: those of files and functions, else those in the debug information. Without names decide
 the memories that the vector table points into, and the register blocks whose addresses the code contains.
+
+The columns of the table, whose first row is the virtual board's chip and those with the same memories and registers:
+
+``name``
+    The chip in sentences, unless `names` says it more exactly.
+``names``
+    Regular expression of a chip in names of files and functions and in debug information, in lower case. CMSIS names
+    start-up and header files after the chip, vendors their libraries. Words are letters with a digit behind them, such
+    as the k64f in frdm_k64f. Radios (nRF24L01, CC1101) must not match. In the last rows it is a machine of ELF headers.
+``flash``, ``ram``
+    First addresses and sizes of the memories that code and stack are in; the flash of STM32 is at 0, too. A chip with
+    `names` and another stack is not this one.
+``blocks``
+    First addresses and sizes of register blocks that nearly all firmware of the chip uses, at places where the
+    MK64FN1M0 has none, except in rows of Kinetis.
+``vectors``
+    Numbers of exceptions that have a handler of their own and that the MK64FN1M0 does not have.
+
+Source of addresses: the memory maps of the vendors' reference manuals, and their CMSIS headers.
 """
 
 from __future__ import annotations
 
+import csv
 import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -24,6 +43,8 @@ from hiltest.text import join_words
 if TYPE_CHECKING:
     from hiltest.virtual.program.elf import FirmwareImage
 
+Region = tuple[int, int]
+"""First address and size."""
 _SYMBOL_NAMES, _DEBUG_NAMES = (".strtab",), (".debug_str", ".debug_line_str", ".debug_line", ".debug_info")
 #: Where vector tables begin in an image: behind nothing, RP2040's second stage, or headers and boot loaders.
 _TABLE_OFFSETS = (0, 0x100, 0x200, 0x400, 0x1000, 0x2000, 0x4000)
@@ -41,14 +62,14 @@ _FAR_HALVES = 16  # compilers schedule MOVW and MOVT of one address at most a fe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Chip:
-    """One row of the table; the keys are explained there."""
+    """One row of the table."""
 
     name: str
-    names: str = ""
-    flash: Sequence[Sequence[int]] = ()
-    ram: Sequence[Sequence[int]] = ()
-    blocks: Sequence[Sequence[int]] = ()
-    vectors: Sequence[int] = ()
+    names: str
+    flash: tuple[Region, ...]
+    ram: tuple[Region, ...]
+    blocks: tuple[Region, ...]
+    vectors: tuple[int, ...]
 
     def names_it(self, word: str) -> bool:
         return bool(self.names and re.match(self.names, word))
@@ -68,12 +89,25 @@ class OtherChip:
         return f"this is {kind} ({self.evidence})"
 
 
+def _regions(text: str) -> tuple[Region, ...]:
+    pairs = (item.split(":") for item in text.split())
+    return tuple((int(base, 0), int(size, 0)) for base, size in pairs)
+
+
 @cache
-def _table() -> tuple[tuple[_Chip, ...], dict[str, str]]:
-    content: dict[str, Any] = tomllib.loads(
-        (resources.files("hiltest.virtual.program") / "chips.toml").read_text(encoding="ascii")
-    )
-    return tuple(_Chip(**row) for row in content["chips"]), content["machines"]
+def _table() -> tuple[_Chip, ...]:
+    with (resources.files("hiltest.virtual.program") / "chips.csv").open(encoding="ascii") as file:
+        return tuple(
+            _Chip(
+                row["name"],
+                row["names"],
+                _regions(row["flash"]),
+                _regions(row["ram"]),
+                _regions(row["blocks"]),
+                tuple(map(int, row["vectors"].split())),
+            )
+            for row in csv.DictReader(file)
+        )
 
 
 def _article(name: str) -> str:
@@ -84,7 +118,7 @@ def _article(name: str) -> str:
 
 def machine_title(machine: str) -> str:
     """Return a name of the processor that an ELF header names, such as ``EM_AVR``; empty if the table has none."""
-    return _table()[1].get(machine, "")
+    return next((row.name for row in _table() if row.names == machine), "")
 
 
 def refuse_other_chip(image: FirmwareImage) -> None:
@@ -105,7 +139,7 @@ def other_chip(image: FirmwareImage) -> OtherChip | None:
     for sections in (_SYMBOL_NAMES, _DEBUG_NAMES):
         text = b"\0".join(image.section(name) for name in sections).decode("latin-1").lower()
         words = Counter(_WORD.findall(text))
-        chips = [chip for chip in _table()[0] if stack is None or not chip.ram or _is_in(chip.ram, stack - 4)]
+        chips = [chip for chip in _table() if stack is None or not chip.ram or _is_in(chip.ram, stack - 4)]
         names = {chip: Counter({word: words[word] for word in words if chip.names_it(word)}) for chip in chips}
         if any(names.values()):
             return _most_named(names)
@@ -114,7 +148,7 @@ def other_chip(image: FirmwareImage) -> OtherChip | None:
 
 def _most_named(names: dict[_Chip, Counter[str]]) -> OtherChip | None:
     chip = max(names, key=lambda chip: names[chip].total())  # the MK64FN1M0 is the first of equals
-    if chip is _table()[0][0]:
+    if chip is _table()[0]:
         return None
     words = [word for word, _ in names[chip].most_common()]
     parts = [match[0].partition("_")[0] for word in words if (match := re.match(chip.names, word))]
@@ -125,7 +159,7 @@ def _most_named(names: dict[_Chip, Counter[str]]) -> OtherChip | None:
 
 def _by_layout(image: FirmwareImage, stack: int | None, entry: int, vectors: tuple[int, ...]) -> OtherChip | None:
     """Return the chips whose memories contain an image's and whose marks it has most."""
-    ours, *others = _table()[0]
+    ours, *others = _table()
     words = _words(image)
     fits = [chip for chip in others if _is_in(chip.flash, entry) and (stack is None or _is_in(chip.ram, stack - 4))]
     marks = {chip: _marks(chip, words, vectors) for chip in fits}
@@ -180,7 +214,7 @@ def _words(image: FirmwareImage) -> np.ndarray[Any, np.dtype[np.uint32]]:
     return np.unique(np.concatenate(words))
 
 
-def _is_in(regions: Iterable[Sequence[int]], address: int) -> bool:
+def _is_in(regions: Iterable[Region], address: int) -> bool:
     return any(base <= address < base + size for base, size in regions)
 
 
@@ -202,7 +236,7 @@ def _vector_table(image: FirmwareImage) -> tuple[int | None, int, tuple[int, ...
 def _may_be_code(entry: int, base: int, parts: Sequence[Any]) -> bool:
     """Return whether an address is in the image; that of a raw binary is unknown, and its load address is 0."""
     in_image = any(part.run_address <= entry < part.run_address + part.run_size for part in parts)
-    return in_image or (base == 0 and len(parts) == 1 and any(_is_in(chip.flash, entry) for chip in _table()[0]))
+    return in_image or (base == 0 and len(parts) == 1 and any(_is_in(chip.flash, entry) for chip in _table()))
 
 
 def _own_handlers(words: Sequence[int], base: int, parts: Sequence[Any]) -> Iterator[int]:

@@ -229,8 +229,8 @@ class TableSensor(RegisterDevice):
             return True
         for output in self.outputs:
             output.convert_latest(time_s)
-        kept = mask & ~self.table.clearing[address] & ~self.table.resetting[address]
-        self._stored[address] = self._stored[address] & ~kept | value & kept
+        changed_bits = mask & ~self.table.clearing[address] & ~self.table.resetting[address]
+        self._stored[address] = self._stored[address] & ~changed_bits | value & changed_bits
         if value & self.table.resetting[address]:
             self.reset(time_s)
             return True
@@ -260,16 +260,16 @@ class TableSensor(RegisterDevice):
             quantity = output.quantity
             rate_hz = self.rate_hz(quantity)
             output.weight = _DELIVERED_COUNTS[quantity] / self.counts_per_unit(quantity)
-            wanted = rate_hz, bool(rate_hz) and self.is_single(quantity)
-            if wanted == self._running.get(quantity, (0.0, False)):
+            plan = rate_hz, bool(rate_hz) and self.is_single(quantity)
+            if plan == self._running.get(quantity, (0.0, False)):
                 continue
-            self._running[quantity] = wanted
+            self._running[quantity] = plan
             self._single_end_s.pop(quantity, None)
             output.halt(time_s)
             if rate_hz:
                 first_s = time_s + self.first_sample_s(quantity)
-                sample_s = output.begin(rate_hz, first_s=first_s, single=wanted[1])
-                if wanted[1]:
+                sample_s = output.begin(rate_hz, first_s=first_s, single=plan[1])
+                if plan[1]:
                     self._single_end_s[quantity] = sample_s
 
     def _measure(self, row: OutputRow, instant_s: float, noise: Vector) -> Counts:
