@@ -90,6 +90,7 @@ ENDS = {
     **dict.fromkeys(("judge --part", "judge --signature"), ".toml"),
     **dict.fromkeys(("profile --part", "profile --profile", "timing show --part", "timing show --profile"), ".toml"),
 }
+REASONS = ("regular file", "larger than", "binary file", "not a readable NumPy archive")
 # Processor time; a readable file takes a thousandth of a second beside the start of Python. A pipe is waited for.
 AT_ONCE_S = 10.0
 
@@ -166,7 +167,7 @@ def test_what_no_such_file_can_be_is_refused_at_once(option: str, kind: str, inp
     assert "hostile" in done.stdout + done.stderr
     assert "Traceback" not in done.stdout + done.stderr
     if kind != "folder":
-        assert any(reason in done.stdout + done.stderr for reason in ("regular file", "larger than", "binary file"))
+        assert any(reason in done.stdout + done.stderr for reason in REASONS)
 
 
 @pytest.mark.parametrize("option", ["run --rig", "profile elf", "report export run", "timing show --profile"])

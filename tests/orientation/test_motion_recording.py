@@ -133,7 +133,7 @@ def test_an_array_of_another_size_than_its_header_announces_is_refused(
 
 
 def test_a_file_that_is_missing_or_no_archive_is_a_wrong_argument(tmp_path: Path):
-    with pytest.raises(ConfigError, match=r"absent\.npz: No such file"):
+    with pytest.raises(ConfigError, match=r"absent\.npz: not a readable NumPy archive"):
         read_motion_recording(tmp_path / "absent.npz")
     (tmp_path / "text.npz").write_text("time,x,y,z\n")
     with pytest.raises(ConfigError, match=r"text\.npz: not a readable NumPy archive"):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+import stat
 import zipfile
 import zlib
 from dataclasses import dataclass
-from io import BytesIO
 from os import PathLike
 from pathlib import Path
 
@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.errors import ConfigError
-from hiltest.json_files import read_bounded
 
 Reals = NDArray[np.float64]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 # An hour at 1 kHz.
 _LARGEST_COUNT = 3_600_000
-# Its thirteen columns of doubles take 375 MB.
-_LARGEST_FILE = 400 << 20
 _LOWEST_HZ, _HIGHEST_HZ = 1.0, 100_000.0
 # Quaternions of a float32 recording have a norm of 1 within this.
 _NORM_TOLERANCE = 1e-3
@@ -108,9 +105,10 @@ def read_motion_recording(path: str | PathLike[str]) -> MotionRecording:
         If the file cannot be read, or an array is missing, too large, of another shape or kind, or not finite.
     """
     name = Path(path).name
-    content = read_bounded(Path(path), largest_bytes=_LARGEST_FILE, otherwise="name a NumPy archive (.npz)")
     try:
-        with zipfile.ZipFile(BytesIO(content)) as archive:
+        if not stat.S_ISREG(Path(path).stat().st_mode):  # a device or a pipe may never end
+            raise ConfigError(f"{name}: not a regular file; name a NumPy archive (.npz)")
+        with zipfile.ZipFile(path) as archive:
             rate_hz = float(_read_array(archive, name, "sampling_rate_hz", (), "f"))
             arrays: dict[str, NDArray[np.generic]] = {}
             for member, columns in _COLUMNS.items():
