@@ -183,7 +183,7 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             'part = "lis3mdl"\ninterrupts = { INT = "PTF9" }',
             (),
             'interrupts = { INT = "PTF9" }',
-            "names no pin of the processor: PTF9; write PTA0 to PTE31, or P0.0 to P0.31",
+            "names no pin of the processor: PTF9; write PTA0 to PTE31",
         ),
         ('part = "lis3mdl"\naddress = 0x20', (), "address = 0x20", "lis3mdl answers at 0x1c or 0x1e only"),
         ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),
@@ -224,3 +224,11 @@ def test_parts_are_of_a_virtual_board() -> None:
     real = RIG.with_name("frdm-k64f.toml")
     with pytest.raises(ConfigError, match=r'sensors\.parts: requires a board of kind "virtual"'):
         parse_rig(real, real.read_bytes() + LIS3MDL.encode())
+
+
+def test_pins_are_those_of_the_rig_s_board() -> None:
+    microbit = RIG.with_name("microbit-v1.toml")
+    content = microbit.read_bytes()
+    parse_rig(microbit, content)
+    with pytest.raises(ConfigError, match=r"interrupts: names no pin of the processor: PTB9; write P0\.0 to P0\.31"):
+        parse_rig(microbit, content.replace(b'"P0.29"', b'"PTB9"'))

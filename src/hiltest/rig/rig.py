@@ -136,6 +136,8 @@ class Rig:
             "sensors.parts",
             'requires a board of kind "virtual": a real one has its parts',
         )
+        for index, entry in enumerate(self.sensors.parts or ()):
+            entry.check_pins(self.board.machine, f"sensors.parts.{index}")
         parts = self.parts
         require(
             self.world is None or sensor is None or sensor.part in parts,

@@ -26,7 +26,12 @@ STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": Fa
 DPI_PAIRS_MINIMUM = 300
 
 _LONGEST_RUN_S = 1e6
-_PIN = re.compile(r"(PT[A-E]|P0\.)([0-9]|[12][0-9]|3[01])")  # of the MK64FN1M0, and of the nRF51822
+# Pins of the processor, as a pattern and in words, by `BoardPlace.machine`.
+_NUMBER = "([0-9]|[12][0-9]|3[01])"
+_PINS: dict[str | None, tuple[str, str]] = {
+    None: (f"PT[A-E]{_NUMBER}", "PTA0 to PTE31"),
+    "microbit-v1": (rf"P0\.{_NUMBER}", "P0.0 to P0.31"),
+}
 
 
 class RigValueError(ValueError):
@@ -208,17 +213,19 @@ class SensorPart:
             is_spi == (self.chip_select is not None), "chip_select", "belongs to a part on an SPI bus, and only there"
         )
         require(not is_spi or self.address is None, "address", "belongs to a part on an I2C bus: leave it out")
-        for key, pins in (("chip_select", [self.chip_select or "PTA0"]), ("interrupts", [*self.interrupts.values()])):
-            strangers = [pin for pin in pins if not _PIN.fullmatch(pin)]
-            require(
-                not strangers,
-                key,
-                f"names no pin of the processor: {', '.join(strangers)}; write PTA0 to PTE31, or P0.0 to P0.31",
-            )
         require(self.address is None or 0x08 <= self.address <= 0x77, "address", "must be 0x08 to 0x77, seven bits")
         for key in ("magnetometer_noise_ut", "accelerometer_noise_mg", "gyroscope_noise_dps"):
             noise = getattr(self, key)
             require(noise is None or noise >= 0.0, key, "must not be negative")
+
+    def check_pins(self, machine: str | None, place: str) -> None:
+        """Refuse pins that the processor of a board does not have; `place` is the entry's key."""
+        pattern, words = _PINS.get(machine, _PINS[None])
+        select = [] if self.chip_select is None else [self.chip_select]
+        for key, pins in (("chip_select", select), ("interrupts", [*self.interrupts.values()])):
+            strangers = [pin for pin in pins if not re.fullmatch(pattern, pin)]
+            message = f"names no pin of the processor: {', '.join(strangers)}; write {words}"
+            require(not strangers, f"{place}.{key}", message)
 
 
 @dataclass(frozen=True, slots=True)
