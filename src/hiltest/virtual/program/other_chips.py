@@ -125,8 +125,9 @@ def refuse_other_chip(image: FirmwareImage) -> None:
     """Raise a ConfigError if an image is for another chip than the virtual board's."""
     chip = other_chip(image)
     if chip is not None:
+        microbit = "The rig microbit-v1 runs a program for the BBC micro:bit v1. " if "nRF51" in chip.name else ""
         raise ConfigError(
-            f"{image.name}: {chip}, and the virtual board is an MK64FN1M0 with other memories and registers. "
+            f"{image.name}: {chip}, and the virtual board is an MK64FN1M0 with other memories and registers. {microbit}"
             "`hiltest profile` counts the cycles of its functions and `hiltest judge` judges its calibrator, both "
             "without peripherals; `hiltest init --firmware` proposes a rig for its own board. For the virtual board "
             "link for 1 MiB of flash at 0 and 256 KiB of SRAM at 0x1fff0000"
