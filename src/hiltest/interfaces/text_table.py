@@ -36,7 +36,7 @@ def text_interface(table: TextDevice, where: Callable[[str], str]) -> TextInterf
         error = _pattern(table.error, "error") if table.error is not None else None
     except RigValueError as wrong:
         raise ConfigError(f"{where(wrong.key)}: device.text.{wrong.key}: {wrong}") from wrong
-    commands = {moment: getattr(table.commands, moment.value).encode("latin-1") for moment in Moment}
+    commands = {moment: (getattr(table.commands, moment.value) or "").encode("latin-1") for moment in Moment}
     return TextInterface(
         _form(table, patterns, sources), sources, patterns=patterns, ready=ready, error=error, commands=commands
     )

@@ -51,13 +51,13 @@ class TextCommands:
     before_tumble: str = ""
     after_tumble: str = ""
     pose: str = ""
-    ask: str = ""
+    ask: str | None = None
     """Request for the next values, sent when the last one is answered, or a window after it without an answer."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
             require(
-                all(ord(letter) < 0x100 for letter in getattr(self, field.name)),
+                all(ord(letter) < 0x100 for letter in getattr(self, field.name) or ""),
                 field.name,
                 "has a character above U+00FF, which is not a byte",
             )
