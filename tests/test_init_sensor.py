@@ -83,6 +83,8 @@ def test_a_rig_names_a_sensor_by_its_entry_point(installed_rig: Path) -> None:
     [
         ("AK8963", "the name becomes a module"),
         ("lis3mdl", "hiltest has this part already"),
+        ("class", "Python has a word or a module of this name"),
+        ("math", "Python has a word or a module of this name"),
         ("mag3110", "hiltest has this part already"),
     ],
 )

@@ -92,6 +92,15 @@ def test_two_parts_of_a_kind_have_names_and_noise_of_their_own(tmp_path: Path) -
     assert all(first != second)
 
 
+def test_the_sensor_of_a_named_part_has_its_name_before_its_own(tmp_path: Path) -> None:
+    far = (
+        '\n[[sensors.parts]]\npart = "lis3mdl"\nname = "far"\nbus = "i2c0"\nmagnetometer_offset_ut = [1.0, 0.0, 0.0]\n'
+    )
+    for name, part in (("LIS3MDL", "lis3mdl"), ("far LIS3MDL", "far")):
+        rig = rig_with(tmp_path, LIS3MDL + far, ('magnetometer = "MAG3110"', f'magnetometer = "{name}"'))
+        assert rig.magnetometer_part == part
+
+
 def test_faults_of_a_named_part(tmp_path: Path) -> None:
     absent = '\n[faults]\nsensor = { part = "lis3mdl", fault = "absent", after_s = 1.0, for_s = 1.0 }\n'
     rig = rig_with(tmp_path, LIS3MDL + absent)
@@ -189,6 +198,19 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
         ('part = "lis3mdl"\nbus = "spi0"', (), "[[sensors.parts]]", "chip_select: belongs to a part on an SPI bus"),
         ('part = "fxas21002c"\naxes = ["x", "y", "z"]', (), 'axes = ["x", "y", "z"]', "is a key of [world] for"),
         ('part = "mag3110"\nbus = "spi0"\nchip_select = "PTD0"', (), 'bus = "spi0"', "mag3110 has a model for I2C"),
+        (
+            'part = "lis3mdl"\naccelerometer_noise_mg = 5.0',
+            (),
+            "accelerometer_noise_mg = 5.0",
+            "lis3mdl measures magnetometer only",
+        ),
+        ('part = "qmc5883p"\nbus = "spi0"\nchip_select = "PTD0"', (), 'bus = "spi0"', "qmc5883p has I2C only"),
+        (
+            'part = "lis3mdl"\ninterrupts = { DRDY = "PTB9" }',
+            (),
+            "[[sensors.parts]]",
+            "lis3mdl and fxos8700cq are both wired to PTB9: use another pin",
+        ),
         ('part = "lis3mdl"\n[[sensors.parts]]\npart = "lis3mdl"', (), "[[sensors.parts]]", "is the second part"),
         (
             'part = "lis3mdl"\n\n[faults]\nsensor = { part = "qmc5883p", fault = "frozen" }',

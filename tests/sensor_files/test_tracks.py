@@ -120,3 +120,6 @@ def test_a_clock_goes_on_over_midnight(tmp_path: Path) -> None:
     rows = ["23:59:59.980,1,2,3", "00:00:00.000,4,5,6", "00:00:00.020,7,8,9"]
     tracks = read_table(table(tmp_path / "field.csv", "time,mx_uT,my_uT,mz_uT", *rows), given()).tracks
     np.testing.assert_allclose(np.diff(tracks[MAGNETOMETER].times_s), 0.02, atol=1e-9)
+    rows[1:1] = ["00:00:00.010,4,5,6", "23:59:59.990,4,5,6"]  # a late row of the day before
+    with pytest.raises(ConfigError, match=r"late\.csv:4: .*time"):
+        read_table(table(tmp_path / "late.csv", "time,mx_uT,my_uT,mz_uT", *rows), given())

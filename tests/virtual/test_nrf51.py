@@ -108,6 +108,15 @@ def test_the_ppi_starts_the_task_of_another_block_at_an_event(chip: Chip) -> Non
     assert (chip[TEMP + 0x100], chip[TEMP + 0x508]) == (1, 100)  # 25 degC in quarters
 
 
+def test_channels_of_the_ppi_that_lead_to_each_other_end(chip: Chip) -> None:
+    chip[GPIO + 0x700 + 4 * 3] = 0
+    chip[GPIOTE + 0x510] = 3 | 3 << 8 | 3 << 16  # channel 0: task, P0.3, toggle
+    chip[GPIOTE + 0x514] = 1 | 3 << 8 | 3 << 16  # channel 1: event of both edges of P0.3
+    chip[PPI + 0x510], chip[PPI + 0x514], chip[PPI + 0x504] = GPIOTE + 0x104, GPIOTE, 1
+    chip[GPIOTE] = 1
+    assert chip[GPIOTE + 0x104] == 1
+
+
 def test_the_real_time_counter_counts_the_slow_clock_behind_its_prescaler(chip: Chip) -> None:
     chip[RTC0 + 0x508] = 32  # 32768 / 33 Hz
     chip[RTC0 + 0x540], chip[RTC0 + 0x304] = 100, 1 << 16
@@ -224,6 +233,20 @@ def test_a_lit_led_is_seen_for_20_ms(chip: Chip) -> None:
     assert chip.board.display_rows() == ("#....", ".#...", ".....", ".....", ".....")
     chip.wait_us(20_001)
     assert chip.board.display_rows() == (".....", ".#...", ".....", ".....", ".....")
+
+
+def test_an_led_is_lit_by_the_direction_of_its_pins(chip: Chip) -> None:
+    chip[GPIO + 0x504] = 1 << 13
+    chip[GPIO + 0x518] = 1 << 13
+    assert chip.board.display_rows()[0] == "....."
+    chip[GPIO + 0x518] = 1 << 4  # the column is low before and after
+    assert chip.board.display_rows()[0] == "#...."
+
+
+def test_an_oscillator_that_is_stopped_while_it_starts_does_not_run(chip: Chip) -> None:
+    chip[CLOCK], chip[CLOCK + 4] = 1, 1
+    chip.wait_us(5000)
+    assert (chip[CLOCK + 0x100], chip[CLOCK + 0x40C]) == (0, 0)
 
 
 #: Store 0x0F0F0F0F at 0x3F000: ldr r0, r1 from literals, str.

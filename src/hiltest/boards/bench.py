@@ -210,8 +210,8 @@ class VirtualBench:
             strangers = [name for name, place in rig.parts.items() if place.bus != "i2c0"]
             if strangers:
                 raise ConfigError(
-                    f"{rig.path}: {', '.join(strangers)}: the micro:bit has one bus, i2c0; leave the shield's parts "
-                    "out by world.fitted = []"
+                    f'{rig.path}: {", ".join(strangers)}: the micro:bit has one bus: write bus = "i2c0" in '
+                    "[[sensors.parts]], and fitted = [] under [world]"
                 )
             profile = _timing_profile(rig) if rig.board.timing else None
             image = load_image(self.firmware, base=base, core="cortex-m0")

@@ -162,9 +162,8 @@ MODELS: Mapping[str, str] = {
     "qmc5883p": "hiltest.world.sensors.qmc5883p:Qmc5883p",
     "rm3100": "hiltest.world.sensors.rm3100:Rm3100",
 }
-# Keys of a rig that only the models of `MODELS` and of users carry out.
-_OF_MODELS = (
-    "axes",
+# Keys of a rig that only the models of `MODELS` and of users carry out: of their quantities, and further ones.
+_OF_QUANTITIES = (
     "magnetometer_noise_ut",
     "accelerometer_noise_mg",
     "gyroscope_noise_dps",
@@ -174,6 +173,7 @@ _OF_MODELS = (
     "magnetometer_offset_ut_per_degc",
     "magnetometer_gain_percent_per_degc",
 )
+_OF_MODELS = ("axes", *_OF_QUANTITIES)
 
 
 def fitted_parts(truth: SimulatedWorld, entries: tuple[SensorPart, ...] | None) -> dict[str, Part]:
@@ -211,12 +211,21 @@ def _refuse_shared_places(parts: Mapping[str, Part], entries: tuple[SensorPart, 
         index = max(index for index, entry in enumerate(entries) if (entry.name or entry.part) in (name, other))
         at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{address:02x}"
         key = "chip_select" if part.chip_select else "address"
-        require(
-            False,
-            f"sensors.parts.{index}.{key}",
-            f"{name} and {other} have the same {at} on {part.bus}: change one, or leave the shield's part out of "
-            "world.fitted",
-        )
+        is_fixed = address in (*part.companion_addresses, *parts[other].companion_addresses)
+        remedy = "use another bus" if is_fixed else "change one"
+        if shield := {name, other} - {entry.name or entry.part for entry in entries}:
+            remedy += f", or leave {shield.pop()} out of world.fitted"
+        message = f"{name} and {other} have the same {at} on {part.bus}: {remedy}"
+        require(False, f"sensors.parts.{index}.{key}", message)
+    wired: dict[str, str] = {}
+    for name, part in parts.items():
+        for pin in (*part.interrupts.values(), *([part.chip_select] if part.chip_select else [])):
+            other = wired.setdefault(pin, name)
+            index = max(
+                (k for k, entry in enumerate(entries) if (entry.name or entry.part) in (name, other)), default=0
+            )
+            message = f"{name} and {other} are both wired to {pin}: use another pin"
+            require(other == name, f"sensors.parts.{index}", message)
 
 
 def _described(entry: SensorPart, key: str) -> Part:
@@ -233,6 +242,7 @@ def _described(entry: SensorPart, key: str) -> Part:
             bus=entry.bus,
             address=part.address if entry.address is None else entry.address,
             interrupts=entry.interrupts or part.interrupts,
+            sensors={kind: f"{entry.name} {name}" if entry.name else name for kind, name in part.sensors.items()},
             prefix=f"{entry.name}-" if entry.name else part.prefix,
         )
     model = load_model(entry.part, f"{key}.part")
@@ -240,6 +250,12 @@ def _described(entry: SensorPart, key: str) -> Part:
     addresses = table.addresses
     has_one = entry.chip_select is None or not model.companion_models
     require(has_one, f"{key}.bus", f"{entry.part} has several devices in one package: use an I2C bus")
+    require(entry.chip_select is None or table.has_spi, f"{key}.bus", f"{entry.part} has I2C only")
+    kinds = {row.quantity.key for row in model.every_output()}
+    strangers = [
+        name for name in _OF_QUANTITIES if getattr(entry, name) is not None and name.split("_")[0] not in kinds
+    ]
+    require(not strangers, f"{key}.{(*strangers, '')[0]}", f"{entry.part} measures {' and '.join(sorted(kinds))} only")
     require(bool(addresses) or entry.chip_select is not None, f"{key}.bus", f"{entry.part} has no I2C: name an SPI bus")
     require(
         entry.address is None or entry.address in addresses,
@@ -250,7 +266,7 @@ def _described(entry: SensorPart, key: str) -> Part:
         entry.bus,
         (addresses or (0,))[0] if entry.address is None else entry.address,
         partial(_make_model, model, entry),
-        _sensor_names(model, entry.part.upper()),
+        _sensor_names(model, f"{entry.name} {entry.part.upper()}" if entry.name else entry.part.upper()),
         entry.interrupts,
         next((row.range for row in model.every_output() if row.quantity.key == "magnetometer"), None),
         lambda _truth: _declared_noise(model, entry),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import keyword
 import re
+import sys
 from pathlib import Path
 
 from hiltest.errors import ConfigError
@@ -24,6 +26,10 @@ def write_sensor_frame(name: str, folder: Path) -> list[Path]:
     if not _NAME.fullmatch(name):
         raise ConfigError(
             f"--sensor {name}: the name becomes a module: use small letters, digits and _, such as ak8963"
+        )
+    if keyword.iskeyword(name) or name in (*sys.stdlib_module_names, "hiltest", "pytest"):
+        raise ConfigError(
+            f"--sensor {name}: Python has a word or a module of this name: add the maker, as in st_{name}"
         )
     if name in (*MODELS, *PARTS):
         raise ConfigError(f"--sensor {name}: hiltest has this part already: a rig names it under [[sensors.parts]]")

@@ -330,7 +330,11 @@ class TurntableSettings:
             "tumble_poses_deg",
             'requires a turntable of kind "simulated" without covered',
         )
-        require(self.tumble_poses_deg is None or len(self.tumble_poses_deg) > 1, "tumble_poses_deg", "needs two poses")
+        require(
+            self.tumble_poses_deg is None or len(self.tumble_poses_deg) > 1,
+            "tumble_poses_deg",
+            "needs at least two poses",
+        )
 
 
 @dataclass(frozen=True, slots=True)

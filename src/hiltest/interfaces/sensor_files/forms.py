@@ -534,7 +534,7 @@ def _cells(text: str, delimiter: str | None) -> tuple[str, ...]:
     """Return the cells of a line, or raise a ValueError with the reason."""
     if delimiter is None:
         return tuple([cell.strip('"') for cell in text.split()])
-    text = text.strip("\r\n") if delimiter != "|" else text.strip().strip("|")
+    text = text.strip("\r\n") if delimiter != "|" else text.strip().removeprefix("|").removesuffix("|")
     if '"' not in text and "\r" not in text:
         return tuple([cell.strip() for cell in text.split(delimiter)])
     try:

@@ -83,6 +83,8 @@ class RowTimes:
             raise ConfigError(f"{self._path}:{row.line}: column {self._name}: no number: every row needs its time")
         if self._is_clock and value < self._last - 0.5 * _DAY_S:
             self._days_s += _DAY_S
+        elif self._is_clock and self._days_s and value > self._last + 0.5 * _DAY_S:  # a late row of the day before
+            self._days_s -= _DAY_S
         self._last = value
         return value + self._days_s
 

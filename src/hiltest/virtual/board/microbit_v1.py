@@ -56,11 +56,14 @@ class Display(Restorable):
         self._on = dict.fromkeys(BUTTONS, False)
         for pin in (*BUTTONS.values(), *_PULLED_UP.values()):
             pins.drive(pin, True)
+        self._driven = 0
         follow = pins.on_change
 
         def change(rose: int, fell: int) -> None:
             follow(rose, fell)
-            if (rose | fell) & self._matrix:
+            driven = pins.driven & self._matrix
+            if (rose | fell) & self._matrix or driven != self._driven:
+                self._driven = driven
                 self._update()
 
         pins.on_change = change

@@ -251,9 +251,9 @@ static bool match_address(struct i2c *i2c, uint8_t address)
 int32_t machine_i2c_slave(struct machine *machine, uint32_t base, int32_t operation, uint32_t value)
 {
     struct i2c *i2c = (struct i2c *)device_of(machine, base);
-    int32_t answer = 0;
+    int32_t answer = operation == I2C_READ ? UINT8_MAX : 0; /* nobody pulls the line low */
     if (!i2c || !i2c->device.is_clocked)
-        return 0;
+        return answer;
     if (operation == I2C_ADDRESS) {
         answer = match_address(i2c, (uint8_t)value);
     } else if (i2c->is_addressed && operation == I2C_STOP) {

@@ -206,6 +206,8 @@ static bool name_alias(struct machine *machine, bool stores, uint32_t address)
         fault->cause = CAUSE_WRITE_UNMAPPED;
     else if (stores && fault->cause == CAUSE_READ_REFUSED)
         fault->cause = CAUSE_WRITE_REFUSED;
+    else if (stores && fault->cause == CAUSE_READ_PROTECTED)
+        fault->cause = CAUSE_WRITE_PROTECTED;
     fault->value = fault->address;
     fault->address = address;
     return false;

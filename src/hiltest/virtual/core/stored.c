@@ -13,9 +13,10 @@ struct stored {
 
 static void report(const struct access_log *log, struct machine_access *access)
 {
-    if (access->count && log->report)
-        log->report(log->context, access);
-    access->count = 0;
+    const struct machine_access copy = *access;
+    access->count = 0; /* before the host, which may ask for all counts */
+    if (copy.count && log->report)
+        log->report(log->context, &copy);
 }
 
 void count_accesses(struct machine *machine, struct machine_access access)

@@ -1,5 +1,5 @@
 /* System memory protection of Kinetis parts: regions of memory in which the core may not read or write (K64 reference
- * manual, chapter "Memory Protection Unit"). Fetches of instructions and accesses by DMA are not checked. */
+ * manual, chapter "Memory Protection Unit"). Fetches, exception frames and DMA are not checked. */
 #include "devices.h"
 
 enum { CESR = 0x000, EAR0 = 0x010, RGD0 = 0x400, RGDAAC0 = 0x800, PORTS = 5, REGIONS = 12 };

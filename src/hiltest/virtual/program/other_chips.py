@@ -1,7 +1,8 @@
 """Recognition of images for another chip than the MK64FN1M0, by the marks in ``chips.csv``.
 
-Names decide if there are any: those of files and functions, else those in the debug information. Without names decide
-the memories that the vector table points into, and the register blocks whose addresses the code contains.
+Names decide if there are any: those of files and functions first, then those in the debug information. Otherwise the
+decision follows from the memories that the vector table points into and the register blocks whose addresses the code
+contains.
 
 The columns of the table, whose first row is the virtual board's chip and those with the same memories and registers:
 

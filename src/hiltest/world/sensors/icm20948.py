@@ -75,7 +75,7 @@ class Icm20948(TableSensor):
 
     def written(self, register: str, value: int, time_s: float) -> None:
         """Begin to serve the slaves, or serve slave 4."""
-        if register == "USER_CTRL" or register.endswith("_CTRL"):
+        if register.endswith("_CTRL"):
             self._served_s = time_s
         if register == "I2C_SLV4_CTRL" and value & _ENABLE and self._has_master:
             data = self._transfer(4, 1, time_s)

@@ -11,7 +11,7 @@ from hiltest.world.sensors.sampling import SampledOutput
 
 
 class RegisterDevice(ABC, Restorable):
-    """Common bus interface of MAG3110, FXOS8700CQ and FXAS21002C.
+    """Common bus interface of all parts, over I2C and, if they have it, SPI.
 
     The first byte written after an address is the register pointer; each further byte
     written or read goes to the pointed register and moves the pointer on. The pointer

@@ -84,6 +84,8 @@ class RegisterTable:
     """Bits of the register pointer on the I2C bus."""
     increment: int = 0
     """Bit of the pointer that makes it move on; 0 if it always does."""
+    has_spi: bool = True
+    """False if the part has I2C only."""
     spi_read: int = 0x80
     spi_increment: int = 0
     """Bits of the first byte over SPI: a read, and an address that moves on; 0 if it always does."""

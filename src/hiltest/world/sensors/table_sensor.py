@@ -14,7 +14,7 @@ from hiltest.world.recorded_motion import Sensed
 from hiltest.world.sensors.drift import Drift
 from hiltest.world.sensors.register_device import RegisterDevice
 from hiltest.world.sensors.register_table import OutputRow, RegisterTable, axis_numbers
-from hiltest.world.sensors.sampling import Counts, SampledOutput
+from hiltest.world.sensors.sampling import Counts, SampledOutput, along_part
 from hiltest.world.sensors.sensor_setup import SensorSetup
 
 #: Counts of a unit in `SampledOutput.delivered`: those of MAG3110 and FXOS8700CQ.
@@ -281,9 +281,7 @@ class TableSensor(RegisterDevice):
         if recorded is not None:
             body, sigma = recorded, 0.0
         sigmas = (sigma, sigma, sigma) if isinstance(sigma, float | int) else sigma
-        along = [0.0, 0.0, 0.0]
-        for value, axis in zip(body, self.output(quantity).body_axes, strict=True):
-            along[abs(axis) - 1] = value if axis > 0 else -value
+        along = along_part(self.output(quantity).body_axes, body)
         x, y, z = (
             value + rms * standard + extra
             for value, rms, standard, extra in zip(along, sigmas, noise, self.added(quantity), strict=True)

@@ -42,7 +42,9 @@ class FlashControl(Block):
         RefusedAccess
             If CONFIG does not enable writes, or the address is in FICR.
         """
-        if self.word(_CONFIG) & 3 != _WRITES or _FICR <= address < UICR:
+        if _FICR <= address < UICR:
+            raise RefusedAccess(f"0x{address:08x} in FICR, which is read-only")
+        if self.word(_CONFIG) & 3 != _WRITES:
             raise RefusedAccess(f"0x{address:08x} in flash while NVMC.CONFIG does not enable writes")
         before = int.from_bytes(self._memory.read(address, size), "little")
         self._memory.write(address, (before & value).to_bytes(size, "little"))

@@ -20,6 +20,7 @@ _RUNS, _CRYSTAL = 1 << 16, 1
 _HF_START_US, _LF_START_US, _CALIBRATION_US = 800, 600, 16_000  # 16 MHz and 32.768 kHz crystal or RC, typical
 _REASONS = {ResetSource.PIN: 1, ResetSource.WATCHDOG: 2, ResetSource.SOFTWARE: 4}
 _ENABLED, _CHANNEL, _CHANNELS = 0x500, 0x510, 16
+_MOST_TASKS = 256  # that one event leads to; channels that lead back to it end here
 _RNG_CONFIG, _VALUE, _VALUE_READY = 0x504, 0x508, 0x100
 _RAW_US, _CORRECTED_US = 167, 677  # a byte without and with bias correction, typical
 _DATA_READY, _TEMP, _MEASUREMENT_US, _STEPS_A_DEGREE = 0x100, 0x508, 35, 4
@@ -39,9 +40,9 @@ class ClockAndPower(Block):
         self._calibration = Alarm(processor, lambda: self.set_event(_CALIBRATED))
         tasks = {
             _HF_START: self._start_fast,
-            _HF_STOP: lambda: self._stop(_HF_RUN, _HF_STATUS),
+            _HF_STOP: lambda: self._stop(self._fast, _HF_RUN, _HF_STATUS),
             _LF_START: self._start_slow,
-            _LF_STOP: lambda: self._stop(_LF_RUN, _LF_STATUS),
+            _LF_STOP: lambda: self._stop(self._slow, _LF_RUN, _LF_STATUS),
             _CALIBRATE: lambda: self._calibration.after(cycles_of(_CALIBRATION_US)),
         }
         super().__init__(processor, chip, module, tasks=tasks)
@@ -72,7 +73,8 @@ class ClockAndPower(Block):
         self.store_word(status, _RUNS | source)
         self.set_event(event)
 
-    def _stop(self, run: int, status: int) -> None:
+    def _stop(self, start: Alarm, run: int, status: int) -> None:
+        start.cancel()
         self.store_word(run, 0)
         self.store_word(status, 0)
 
@@ -89,6 +91,8 @@ class EventRouter(Block):
     def __init__(self, processor: Processor, chip: Chip, module: ChipPeripheral) -> None:
         self._blocks: dict[int, Block | Timer] = {}
         self._channels: dict[int, list[int]] = {}  # task endpoints of the enabled channels, by event
+        self._pending: list[int] = []
+        self._is_routing = False
         super().__init__(processor, chip, module, tasks={})
 
     def connect(self, blocks: Iterable[Block | Timer]) -> None:
@@ -100,11 +104,23 @@ class EventRouter(Block):
     def reset(self) -> None:
         super().reset()
         self._channels = {}
+        self._pending.clear()
 
     def _route(self, event: int) -> None:
-        for task in self._channels.get(event, ()):
-            if block := self._blocks.get(task & ~0xFFF):
-                block.trigger(task & 0xFFF)
+        self._pending += self._channels.get(event, ())
+        if self._is_routing:
+            return  # an event of a task: the loop below has it next
+        self._is_routing = True
+        try:
+            for _ in range(_MOST_TASKS):
+                if not self._pending:
+                    return
+                task = self._pending.pop(0)
+                if block := self._blocks.get(task & ~0xFFF):
+                    block.trigger(task & 0xFFF)
+            self._pending.clear()
+        finally:
+            self._is_routing = False
 
     def read(self, offset: int, size: int) -> int:
         return super().read(_ENABLED if _ENABLED <= offset < _ENABLED + 12 else offset, size)

@@ -71,6 +71,9 @@ class Twi(Block):
     def _start(self, *, reads: bool) -> None:
         if self.word(_ENABLE) != _ENABLED:
             return
+        if self._end.is_planned:  # the bit of a STOP, which ends now
+            self._end.cancel()
+            self._stopped()
         self._bus = self._buses.get((self.word(_SCL), self.word(_SDA)), _NO_BUS)
         self._is_open, self._reads, self._in_address = True, reads, True
         self._must_stop = self._must_suspend = self._is_suspended = self._unread = False
