@@ -171,7 +171,8 @@ class VirtualBench:
         parts = build_parts(rig, self._world, self.seed, faults_from_s=START_UP_S)
         i2c: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
         spi: dict[str, dict[str, RegisterDevice | FaultyPart]] = {"spi0": {}, "spi1": {}, "spi2": {}}
-        for name, place in rig.parts.items():
+        places = rig.parts
+        for name, place in places.items():
             if place.chip_select is None:
                 i2c[place.bus] += [parts[name], *parts[name].companions]
             else:
@@ -188,7 +189,7 @@ class VirtualBench:
         }
         self._parts |= {(bus, pin): part for bus, on_bus in spi.items() for pin, part in on_bus.items()}
         self._named = parts
-        for name, place in rig.parts.items():
+        for name, place in places.items():
             for device in (parts[name], *parts[name].companions):
                 pins = {pin: wire for pin, wire in place.interrupts.items() if pin in device.pins}
                 if pins:

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4, open_image
-from hiltest.virtual.board.frdm_k64f import LedsAndButtons
+from hiltest.virtual.board.frdm_k64f import FrdmLedsAndButtons
 from hiltest.virtual.board.memory_map import memory_map
 from hiltest.virtual.board.microcontroller import Microcontroller
 from hiltest.virtual.board.virtual_machine import VirtualMachine
@@ -82,7 +82,7 @@ class VirtualK64F(VirtualMachine):
         image = open_image(elf)
         refuse_other_chip(image)
         super().__init__(image, profile=profile, memory=MK64FN1M0, chip=microcontroller)
-        self._leds_and_buttons = LedsAndButtons(self._chip.ports, self.clocks.time_s)
+        self._leds_and_buttons = FrdmLedsAndButtons(self._chip.ports, self.clocks.time_s)
         self._looked_at = 0, 0  # instructions executed, and those of waiting loops that were passed over
 
     def run_until(self, time_s: float, *, wake: Callable[[], bool] | None = None, for_bytes: bool = False) -> None:

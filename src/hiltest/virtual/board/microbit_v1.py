@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hiltest.errors import ConfigError
-from hiltest.state import Restorable
-from hiltest.virtual.board.frdm_k64f import BoardEvent
+from hiltest.virtual.board.leds_and_buttons import LedsAndButtons
 from hiltest.virtual.board.nrf51822 import PART, Nrf51822, pin_number
 from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.model.timing import TimingProfile
@@ -27,23 +26,12 @@ BUTTONS = {row["name"]: pin_number(row["pin"]) for row in _TABLE if row["kind"] 
 _PULLED_UP = {row["name"]: pin_number(row["pin"]) for row in _TABLE if row["kind"] == "pull-up"}
 
 
-class Display(Restorable):
-    """The LED matrix as an eye sees it, and the buttons.
-
-    Parameters
-    ----------
-    time_s
-        Returns the virtual time, also during an access to a peripheral.
-
-    Attributes
-    ----------
-    events : list of BoardEvent
-        Presses and releases since power-on, in order.
-    """
+class Display(LedsAndButtons):
+    """The LED matrix as an eye sees it, without events, and the buttons; for `time_s` see the base."""
 
     def __init__(self, pins: Gpio, time_s: Callable[[], float]) -> None:
-        self.events: list[BoardEvent] = []
-        self._pins, self._time_s = pins, time_s
+        super().__init__("micro:bit", (), BUTTONS, lambda button, high: pins.drive(BUTTONS[button], high), time_s)
+        self._pins = pins
         self._leds = {}
         for row in _TABLE:
             if row["kind"] == "led":
@@ -53,8 +41,7 @@ class Display(Restorable):
         self._matrix = sum(1 << pin for pin in {pin for pins in self._leds.values() for pin in pins})
         self._lit: set[tuple[int, int]] = set()
         self._seen_until_s: dict[tuple[int, int], float] = {}
-        self._on = dict.fromkeys(BUTTONS, False)
-        for pin in (*BUTTONS.values(), *_PULLED_UP.values()):
+        for pin in _PULLED_UP.values():
             pins.drive(pin, True)
         self._driven = 0
         follow = pins.on_change
@@ -82,37 +69,8 @@ class Display(Restorable):
     def rows(self) -> tuple[str, ...]:
         """Return the five rows, top first: ``#`` for an LED that is or was lit within 20 ms, ``.`` for another."""
         now_s = self._time_s()
-        seen = self._lit | {place for place, until_s in self._seen_until_s.items() if until_s > now_s}
-        return tuple("".join("#" if (y, x) in seen else "." for x in range(_SIDE)) for y in range(_SIDE))
-
-    def is_on(self, name: str) -> bool:
-        """Return whether a button is pressed.
-
-        Raises
-        ------
-        ConfigError
-            If the board has no such button.
-        """
-        self._check(name)
-        return self._on[name]
-
-    def push(self, button: str, pressed: bool) -> None:
-        """Press or release a button.
-
-        Raises
-        ------
-        ConfigError
-            If the board has no such button.
-        """
-        self._check(button)
-        if self._on[button] != pressed:
-            self._on[button] = pressed
-            self.events.append(BoardEvent(self._time_s(), button, pressed))
-        self._pins.drive(BUTTONS[button], not pressed)
-
-    def _check(self, name: str) -> None:
-        if name not in BUTTONS:
-            raise ConfigError(f"the micro:bit has no {name!r}; it has {', '.join(BUTTONS)}")
+        visible = self._lit | {place for place, until_s in self._seen_until_s.items() if until_s > now_s}
+        return tuple("".join("#" if (y, x) in visible else "." for x in range(_SIDE)) for y in range(_SIDE))
 
 
 class VirtualMicrobit(VirtualMachine):

@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from hiltest.errors import ConfigError, SnapshotError
 from hiltest.state import HasState
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4
-from hiltest.virtual.board.frdm_k64f import BoardEvent
 from hiltest.virtual.board.interrupt_wires import InterruptSource, InterruptWires
+from hiltest.virtual.board.leds_and_buttons import BoardEvent, LedsAndButtons
 from hiltest.virtual.board.loading import load_segments, vectors
 from hiltest.virtual.board.machine_chip import ChipClocks, MachineChip, SerialLine
 from hiltest.virtual.core.machine import Snapshot
@@ -38,24 +38,6 @@ class BoardSnapshot:
     machine: Snapshot
     parts: tuple[tuple[HasState, Any], ...]
     is_booted: bool
-
-
-class LedsOrButtons(HasState, Protocol):
-    """LEDs and buttons of a board.
-
-    Attributes
-    ----------
-    events : list of BoardEvent
-        Changes since power-on, in order.
-    """
-
-    events: list[BoardEvent]
-
-    def is_on(self, name: str) -> bool:
-        """Return whether an LED is lit or a button is pressed."""
-
-    def push(self, button: str, pressed: bool) -> None:
-        """Press or release a button."""
 
 
 class VirtualMachine(VirtualCortexM4):
@@ -96,7 +78,7 @@ class VirtualMachine(VirtualCortexM4):
 
     title: ClassVar[str]
     _chip: MachineChip
-    _leds_and_buttons: LedsOrButtons
+    _leds_and_buttons: LedsAndButtons
 
     def __init__(
         self,
