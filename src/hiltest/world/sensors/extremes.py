@@ -1,4 +1,4 @@
-"""Largest and smallest field of each axis: the FXOS8700CQ magnetometer's MAX and MIN registers, and the middle of them."""
+"""Largest and smallest field of each axis, and their middle: MAX, MIN and M_OFF of the FXOS8700CQ's magnetometer."""
 
 from __future__ import annotations
 

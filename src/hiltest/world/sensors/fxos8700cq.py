@@ -1,8 +1,8 @@
 """FXOS8700CQ accelerometer and magnetometer, register by register.
 
 Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not modelled: the embedded event
-functions (their registers read back the written value, so nothing ends the FIFO's trigger mode) and sleep; push-pull and
-open-drain pins are alike. Interpretation: MAX, MIN and the automatic hard-iron calibration are of the field without
+functions (their registers read back the written value, so nothing ends the FIFO's trigger mode) and sleep; push-pull
+and open-drain pins are alike. Interpretation: MAX, MIN and the automatic hard-iron calibration are of the field without
 offsets, since a middle of corrected samples would not be their offset.
 """
 
