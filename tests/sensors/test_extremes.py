@@ -1,5 +1,8 @@
 """MAX and MIN registers of the FXOS8700CQ's magnetometer, and its automatic hard-iron calibration from them."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -188,3 +191,11 @@ def test_a_single_measurement_in_standby_is_among_the_extremes_of_the_run_after_
     write(part, end_s, 0x2A, 0x0D)  # the board stands still from here on
     largest, smallest = words(part, end_s + 1.0, 0x45, 6).reshape(2, 3)
     assert ((largest == single) | (smallest == single)).sum() >= 2
+
+
+def test_the_calibrator_of_the_leaderboard_is_what_the_part_loads():
+    adapter = Path(__file__).parents[2] / "docs" / "leaderboard" / "hardware_fxos8700cq.py"
+    part, end_s = calibrating()
+    hard_iron_ut, soft_iron = runpy.run_path(str(adapter))["m_acal"](raw_samples() / 10)
+    assert (words(part, end_s - 0.005 + 1e-6, 0x3F, 3) == 20 * hard_iron_ut).all()
+    assert (soft_iron == np.eye(3)).all()
