@@ -13,6 +13,7 @@ import click
 import hiltest
 from hiltest.campaigns.bisection import FirstWorse
 from hiltest.campaigns.campaign import Seeds
+from hiltest.campaigns.explanation import Explanation
 from hiltest.campaigns.several_boards import Boards
 from hiltest.commands.baseline import Saved, Updated
 from hiltest.commands.cli import every_command
@@ -57,6 +58,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.baseline-save/1": (Saved,),
     "hiltest.baseline-update/1": (Updated,),
     "hiltest.bisection/1": (FirstWorse,),
+    "hiltest.explanation/1": (Explanation,),
     "hiltest.trend/1": (TrendDocument,),
     "hiltest.report/1": (Reported,),
     "hiltest.export/1": (ExportedNumbers,),
@@ -87,6 +89,7 @@ PAGES = {
     "hiltest.profile/1": "profile.md",
     "hiltest.imu-calibration/1": "calibrate.md",
     "hiltest.bisection/1": "bisect.md",
+    "hiltest.explanation/1": "mcp.md",
     "hiltest.comparison/1": "compare.md",
     "hiltest.trend/1": "trend.md",
     "hiltest.fit-imu/1": "fit-imu.md",
@@ -99,8 +102,8 @@ LONG = {"hiltest.run/1", "hiltest.fit/1", "hiltest.profile/1"}
 HEAD = """\
 # JSON of every command
 
-Every command has `--json`. Standard output is then one JSON document and nothing else, all other output goes to
-standard error, and the exit code does not change.
+Every command except `hiltest mcp` has `--json`. Standard output is then one JSON document and nothing else, all other
+output goes to standard error, and the exit code does not change.
 
 ```sh
 hiltest compare baseline.json after --json

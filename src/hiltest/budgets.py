@@ -98,3 +98,6 @@ PATTERN = Budget("a pattern", 4096, 10_000, "characters with its repetitions wri
 PATTERNS = Budget("a rig's patterns", 64 * _KI, 64, "patterns", 1, 5.0, 256 * _MI)
 GDB = Budget("GDB", 16 * _KI, 8, "repeated answers", 1, 0.5, 4 * _MI)
 """One packet; items are answers that are sent again without a packet between them."""
+
+# Calls of `hiltest mcp`; values are those of a command line.
+TOOL_CALL = Budget("a tool's arguments", 64 * _KI, 1000, "values", 2, 0.1, _MI)

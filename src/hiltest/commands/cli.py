@@ -22,10 +22,11 @@ _OUTPUT_ERRORS = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "
 # Commands under the headings of the help. "fit imu" is the function fit_imu in hiltest.commands.fit_imu.
 _HEADINGS = {
     "Commands": ("run", "judge", "compare", "fit", "profile", "doctor", "flash", "init", "report"),
-    "Judge changes": ("baseline", "bisect", "report trend", "report export"),
+    "Judge changes": ("baseline", "bisect", "explain", "report trend", "report export"),
     "Count cycles": ("profile worst", "timing"),
     "Work with a board": ("ports", "serve", "listen", "calibrate", "log"),
     "Work with recordings": ("fit imu", "fit noise", "play", "decode"),
+    "Work with an agent": ("mcp",),
     "Repeat published experiments": ("study",),
 }
 _COMMANDS = tuple(name for names in _HEADINGS.values() for name in names)

@@ -40,8 +40,8 @@ def line_changes(base: Sequence[LineCost], new: Sequence[LineCost]) -> list[Line
 
 
 def _align(base: Sequence[LineCost], new: Sequence[LineCost]) -> Iterator[LineChange]:
-    costs = [[line.instructions for line in side] for side in (base, new)]
-    for _, first, last, begin, end in SequenceMatcher(None, *costs, autojunk=False).get_opcodes():
+    before, after = ([line.instructions for line in side] for side in (base, new))
+    for _, first, last, begin, end in SequenceMatcher(None, before, after, autojunk=False).get_opcodes():
         for old, line in zip_longest(base[first:last], new[begin:end]):
             counts = [(0, 0) if side is None else (side.cycles, side.instructions) for side in (line, old)]
             if counts[0] != counts[1]:
