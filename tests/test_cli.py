@@ -22,7 +22,8 @@ from . import in_process
 
 COMMANDS = Path(commands.__file__).parent
 VERBS = """
-Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Export Fail Find Fit Flash Give
+Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Explain Export Fail Find Fit Flash
+Give
 Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save
 Search
 Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write

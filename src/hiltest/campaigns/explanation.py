@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hiltest.boards import default_firmware
+from hiltest.budgets import ELF
 from hiltest.errors import ConfigError
+from hiltest.json_files import read_bounded
 from hiltest.measurement import Measurement, identify
 from hiltest.run_record.comparison import Change, Comparison, Difference
 from hiltest.run_record.reader import read_record
 from hiltest.studies.board_calibrators import BoardCalibrators
-from hiltest.studies.worst_case.worst_input import digest
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.verdict.summary import summarise
@@ -96,11 +98,11 @@ def _changed_functions(
     """Return the functions of calibrators whose cycles changed, or the reason why they are unknown."""
     if comparison is None:
         return (), "the run was compared with nothing; name a --baseline"
+    new = _elf_of("--firmware", firmware, comparison.new.firmware_sha256)
+    base = _elf_of("--against", against, comparison.base.firmware_sha256)
     subjects = dict.fromkeys(identify(change.name).subject for change in changes if change.unit == "cycle")
     if not subjects:
         return (), "no cycles changed"
-    new = _elf_of("--firmware", firmware, comparison.new.firmware_sha256)
-    base = _elf_of("--against", against, comparison.base.firmware_sha256)
     if new is None or base is None:
         return (), "name the ELFs of the run and of its base: --firmware ELF --against ELF"
     sides = BoardCalibrators(base), BoardCalibrators(new)
@@ -121,10 +123,7 @@ def _compare_lines(names: Sequence[str], base: BoardCalibrators, new: BoardCalib
 def _elf_of(option: str, file: Path | None, sha256: str) -> Path | None:
     """Return the ELF with a digest: the named file, or the packaged one; None if that is another one."""
     elf = file or default_firmware()
-    try:
-        is_same = digest(elf) == sha256
-    except OSError as error:
-        raise ConfigError(f"{option} {elf}: {error.strerror}; name the ELF that was run") from error
+    is_same = hashlib.sha256(read_bounded(elf, ELF, otherwise="name the ELF that was run")).hexdigest() == sha256
     if file is not None and sha256 and not is_same:
         raise ConfigError(f"{option} {elf}: another file was run, with the SHA-256 {sha256}; name that one")
     return elf if is_same or file is not None else None

@@ -192,6 +192,7 @@ class _Tools:
         import anyio
 
         from hiltest.budgets import RECORD
+        from hiltest.short_documents import compact
 
         plugins = f"{os.environ.get('PYTEST_ADDOPTS', '')} --benchmark-storage={self._out.as_uri()}/.benchmarks"
         environment = os.environ | {"PYTEST_ADDOPTS": plugins, "PYTHONDONTWRITEBYTECODE": "1"}
@@ -214,7 +215,8 @@ class _Tools:
         if limit.cancelled_caught:
             raise ConfigError(f"{words[0]}: stopped after {self._timeout_s} s; hiltest mcp --timeout S allows more")
         with contextlib.suppress(ValueError):
-            document = json.loads(output)
+            # A lone surrogate, of a name that is no text, cannot be sent.
+            document = json.loads(compact(json.loads(output)).encode("utf-8", "replace"))
             if isinstance(document, dict) and "schema" in document:
                 return document
         last = errors.decode("utf-8", "replace").strip().rpartition("\n")[2]
