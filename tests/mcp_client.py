@@ -21,7 +21,7 @@ def ask(talk: Callable[[Session], Awaitable[Result]], folder: Path, *options: st
 
     environment = {name: value for name, value in os.environ.items() if not name.startswith("HIL_")}
     server = StdioServerParameters(
-        command=sys.executable, args=["-m", "hiltest", "mcp", *options], env=environment, cwd=folder
+        command=sys.executable, args=["-P", "-m", "hiltest", "mcp", *options], env=environment, cwd=folder
     )
 
     async def converse() -> Result:

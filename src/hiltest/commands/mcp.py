@@ -16,7 +16,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -25,7 +25,6 @@ from hiltest.errors import ConfigError
 from hiltest.session.settings import DEFAULT_OUT, make_folder
 
 if TYPE_CHECKING:
-    from anyio import CancelScope
     from anyio.abc import ByteReceiveStream, Process
     from mcp.types import CallToolRequestParams, CallToolResult, ListToolsResult, Tool
 
@@ -42,11 +41,12 @@ _JSON = "as_json"
 _AT_ONCE = 2
 _GRACE_S = 1.0  # a client waits two seconds for the end of the server before it kills it
 _LAST_ERRORS = 4000
+_INTERRUPTED = 2
 _EXIT_CODES = """
 \b
 Exit codes:
   0   the client closed the connection
-  2   interrupted
+  2   interrupted, or ended by SIGTERM
   4   usage: an option is wrong, or the package mcp is missing
 """
 
@@ -84,10 +84,11 @@ class _Tools:
         from hiltest.commands.cli import every_command
 
         self._out, self._timeout_s = out, timeout_s
+        self._running: set[Process] = set()
         self._commands = {name: command for name, command in every_command() if name in TOOLS}
 
     async def serve(self) -> None:
-        """Serve one client until it closes standard input, or until SIGTERM."""
+        """Serve one client until it closes standard input."""
         import anyio
         from mcp.server.lowlevel import Server
         from mcp.server.stdio import stdio_server
@@ -96,11 +97,17 @@ class _Tools:
 
         self._limiter = anyio.CapacityLimiter(_AT_ONCE)
         server = Server("hiltest", version=__version__, on_list_tools=self._list, on_call_tool=self._call)
-        async with anyio.create_task_group() as group:
-            group.start_soon(_cancel_at_signal, group.cancel_scope)
-            async with stdio_server() as (messages, answers):
-                await server.run(messages, answers, server.create_initialization_options())
-            group.cancel_scope.cancel()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._end)
+        async with stdio_server() as (messages, answers):
+            await server.run(messages, answers, server.create_initialization_options())
+
+    def _end(self, *_: object) -> NoReturn:
+        """End all commands and this process at once: a thread that waits for standard input cannot be cancelled."""
+        for process in self._running:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        os._exit(_INTERRUPTED)
 
     async def _list(self, _context: object, _page: object) -> ListToolsResult:
         from mcp.types import ListToolsResult
@@ -204,6 +211,7 @@ class _Tools:
             )
         except (OSError, ValueError) as error:
             raise ConfigError(f"{words[0]}: cannot be started: {error}") from error
+        self._running.add(process)
         output, errors = bytearray(), bytearray()
         try:
             with anyio.move_on_after(self._timeout_s) as limit:
@@ -212,6 +220,7 @@ class _Tools:
                     group.start_soon(_read_end, process.stderr, errors, _LAST_ERRORS)
         finally:
             await _stop(process)
+            self._running.discard(process)
         if limit.cancelled_caught:
             raise ConfigError(f"{words[0]}: stopped after {self._timeout_s} s; hiltest mcp --timeout S allows more")
         with contextlib.suppress(ValueError):
@@ -253,11 +262,3 @@ async def _stop(process: Process) -> None:
                     await process.wait()
             os.killpg(process.pid, signal.SIGKILL)
         await process.aclose()
-
-
-async def _cancel_at_signal(scope: CancelScope) -> None:
-    from anyio import open_signal_receiver
-
-    with open_signal_receiver(signal.SIGTERM, signal.SIGHUP) as signals:
-        async for _ in signals:
-            scope.cancel()
