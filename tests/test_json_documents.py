@@ -62,20 +62,19 @@ PRINTING = {
     "profile worst": ("profile", "worst", "direct", "--calls", "20"),
 }
 # A run or a board of their own: in tests/campaigns/test_bisect.py, tests/flashing/test_flash_command.py,
-# tests/boards/test_contributed_profile.py, and below.
+# tests/boards/test_contributed_profile.py, tests/test_mcp_command.py, and below.
 ELSEWHERE = {"bisect", "flash", "mcp", "run", "timing check"}
 
 
 def schemas_of(command: click.Command) -> list[str]:
     """Return the schemas that the help of --json names."""
-    (option,) = [each for each in command.params if isinstance(each, click.Option) and "--json" in each.opts]
-    return re.findall(r"hiltest\.[a-z-]+/\d+", option.help or "")
+    helps = [each.help or "" for each in command.params if isinstance(each, click.Option) and "--json" in each.opts]
+    return re.findall(r"hiltest\.[a-z-]+/\d+", "".join(helps))
 
 
 def test_every_command_has_it_and_is_tried_here() -> None:
-    assert {name for name, command in every_command() if not schemas_of(command)} == {
-        "mcp"
-    }  # its output is a protocol's
+    without = {name for name, command in every_command() if not schemas_of(command)}
+    assert without == {"mcp"}  # its standard output is that of a protocol
     assert {name for name, _ in every_command()} == PRINTING.keys() | ELSEWHERE
 
 
