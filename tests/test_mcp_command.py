@@ -16,7 +16,8 @@ import click
 import pytest
 from jsonschema import Draft202012Validator
 from tests import in_process
-from tests.command_files import json_schema
+from tests.command_files import checked, folder_of_all_inputs, json_schema
+from tests.finished_run import Finished
 from tests.mcp_client import Answer, Session, ask
 from tests.test_written_files import WRITING
 
@@ -86,6 +87,37 @@ def test_the_parameters_of_a_tool_are_the_options_of_its_command_except_those_th
         assert tools[name].annotations.read_only_hint == ("out" not in properties)
     assert {"port", "flash", "record", "coverage"}.isdisjoint(tools["run"].input_schema["properties"])
     assert tools["explain"].output_schema["properties"]["schema"]["enum"] == ["hiltest.explanation/1"]
+
+
+@pytest.mark.ci
+def test_an_answer_is_the_document_of_the_command_and_has_its_schema(
+    tmp_path_factory: pytest.TempPathFactory, default_run: Finished
+) -> None:
+    folder = folder_of_all_inputs(tmp_path_factory, default_run)
+    calls: list[tuple[str, dict[str, Any], str]] = [
+        ("compare", {"base": "run.json", "new": ["dearer.json"]}, "hiltest.comparison/1"),
+        ("explain", {"run": "dearer.json", "baseline": "run.json"}, "hiltest.explanation/1"),
+        (
+            "profile",
+            {"elf": "shipped", "function": "crc32", "arguments": ["text:123456789", 9]},
+            "hiltest.profile/1",
+        ),
+        ("judge", {"file": "mine.py:calibrate", "alone": True}, "hiltest.judge/1"),
+        ("fit", {"log": "points.csv", "on": "host", "steady": False}, "hiltest.fit/1"),
+    ]
+
+    async def talk(session: Session) -> list[Answer]:
+        return [await session.call_tool(name, arguments) for name, arguments, _ in calls]
+
+    answers = ask(talk, folder, "--out", "tools")
+    for answer, (name, _, schema) in zip(answers, calls, strict=True):
+        assert not answer.is_error, answer.content[0].text
+        assert checked(answer.content[0].text, schema) == answer.structured_content, name
+        assert len(answer.content[0].text.encode()) <= ANSWER_BYTES
+    changed = answers[0].structured_content["comparisons"][0]["differences"][0]
+    assert (changed["name"], changed["change"]) == ("cycles.direct.total", "worse")
+    assert answers[2].structured_content["cycles"] == 147  # as docs/profile.md prints
+    assert {path.name for path in (folder / "tools" / "judge").iterdir()} == {"judge.json", "judge.html"}
 
 
 @pytest.mark.slow

@@ -57,4 +57,4 @@ def _cut(value: Any, longest: int, least: int, place: str, left_out: dict[str, i
 
 
 def _is_unremarkable(item: Any) -> bool:
-    return isinstance(item, dict) and not _UNREMARKABLE.isdisjoint({item.get("change"), item.get("outcome")})
+    return isinstance(item, dict) and (item.get("change") or item.get("outcome")) in _UNREMARKABLE

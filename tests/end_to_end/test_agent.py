@@ -47,7 +47,9 @@ def test_an_agent_learns_in_at_most_six_calls_that_a_build_is_worse_and_in_which
         assert contains(answer.structured_content, excerpt), (call, answer.content[0].text)
     explanation = answers[-1].structured_content
     assert explanation["sentence"].startswith("Not to be merged")
-    assert answers[-2].structured_content["comparisons"][0]["sentence"] == explanation["sentence"]
+    (comparison,) = answers[-2].structured_content["comparisons"]
+    assert comparison["sentence"] == explanation["sentence"]
+    assert {row["change"] for row in comparison["differences"][:7]} == {"worse"}  # as many as the sentence names
     # The largest change is the line that the edit added.
     source = (Path(__file__).parents[2] / "firmware_stub" / ONE_NOP_A_POINT.file).read_text(encoding="utf-8")
     line = source.replace(ONE_NOP_A_POINT.old, ONE_NOP_A_POINT.new).split('__asm__ volatile("nop")')[0].count("\n") + 1
