@@ -202,3 +202,15 @@ def test_a_snapshot_restores_clocks_timer_and_bytes(board: Run) -> None:
 def test_a_machine_that_does_not_exist_is_refused_with_the_names_of_those_that_do() -> None:
     with pytest.raises(ConfigError, match="known: frdm-k64f, microbit-v1, stm32f411-disco"):
         load_machine("stm32f999-disco")
+
+
+@pytest.mark.parametrize(("prescaler", "timpre", "timers_mhz"), [(4, 0, 96), (5, 0, 48), (5, 1, 96), (6, 1, 48)])
+def test_timers_count_twice_the_clock_of_a_divided_bus_and_four_times_with_timpre(
+    board: Run, prescaler: int, timpre: int, timers_mhz: float
+) -> None:
+    machine = board(
+        "void main(void) { begin_clocks(); "
+        f"RCC(0x08) = 2 | {prescaler}u << 10; RCC(0x8C) = {timpre}u << 24; for (;;) {{}} }}"
+    )
+    machine.run_until(0.01)
+    assert float(machine.clocks.timers1.hz) == timers_mhz * 1e6
