@@ -193,6 +193,9 @@ class SensorPart:
     """7-bit address on an I2C bus; None for the part's first."""
     chip_select: str | None = None
     """Pin of the processor that selects it on an SPI bus, such as ``PTD0``."""
+    companion_address: int | None = None
+    companion_chip_select: str | None = None
+    """Address and chip select of the further device in its package; None for the model's first address."""
     interrupts: dict[str, str] = field(default_factory=dict)
     """Pins of the processor by pins of the part, such as ``DRDY = "PTB9"``."""
     axes: Axes | None = None
@@ -215,8 +218,13 @@ class SensorPart:
         require(
             is_spi == (self.chip_select is not None), "chip_select", "belongs to a part on an SPI bus, and only there"
         )
-        require(not is_spi or self.address is None, "address", "belongs to a part on an I2C bus: leave it out")
-        require(self.address is None or 0x08 <= self.address <= 0x77, "address", "must be 0x08 to 0x77, seven bits")
+        other = self.companion_chip_select
+        require(is_spi or other is None, "companion_chip_select", "belongs to a part on an SPI bus, and only there")
+        require(other is None or other != self.chip_select, "companion_chip_select", "is the part's own chip_select")
+        for key in ("address", "companion_address"):
+            address = getattr(self, key)
+            require(not is_spi or address is None, key, "belongs to a part on an I2C bus: leave it out")
+            require(address is None or 0x08 <= address <= 0x77, key, "must be 0x08 to 0x77, seven bits")
         for key in ("magnetometer_noise_ut", "accelerometer_noise_mg", "gyroscope_noise_dps"):
             noise = getattr(self, key)
             require(noise is None or noise >= 0.0, key, "must not be negative")
@@ -224,9 +232,13 @@ class SensorPart:
     def check_pins(self, machine: str | None, place: str) -> None:
         """Refuse pins that the processor of a board does not have; `place` is the entry's key."""
         pattern, words = _PINS.get(machine, _OTHER_PINS)
-        select = [] if self.chip_select is None else [self.chip_select]
-        for key, pins in (("chip_select", select), ("interrupts", [*self.interrupts.values()])):
-            strangers = [pin for pin in pins if not re.fullmatch(pattern, pin)]
+        select, companion_select = [self.chip_select], [self.companion_chip_select]
+        for key, pins in (
+            ("chip_select", select),
+            ("companion_chip_select", companion_select),
+            ("interrupts", [*self.interrupts.values()]),
+        ):
+            strangers = [pin for pin in pins if pin is not None and not re.fullmatch(pattern, pin)]
             message = f"names no pin of the processor: {', '.join(strangers)}; write {words}"
             require(not strangers, f"{place}.{key}", message)
 
