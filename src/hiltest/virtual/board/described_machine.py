@@ -20,6 +20,7 @@ from hiltest.virtual.part.machine_file import Block as BlockTable
 from hiltest.virtual.part.machine_file import MachineFile, load_machine
 from hiltest.virtual.part.part_file import load_part
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.i2c_bus import I2cBus
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.peripherals.spi_bus import SpiBus
@@ -79,7 +80,7 @@ class DescribedChip(Restorable):
         self._ports = {name[-1]: block for name, block in blocks.items() if isinstance(block, Gpio)}
         lines = [block for block in blocks.values() if isinstance(block, Usart)]
         self.uarts = tuple(sorted(lines, key=lambda line: line.name != machine.board.serial))
-        pages: dict[int, list[Block]] = {}
+        pages: dict[int, list[Block | CoreDevice]] = {}
         for block in blocks.values():
             pages.setdefault(block.base >> _PAGE_BITS, []).append(block)
         self._peripherals: list[Peripheral] = [
@@ -89,7 +90,7 @@ class DescribedChip(Restorable):
         ]
         self.bus = PeripheralBus(processor, self._peripherals, tables.register_name)
 
-    def _model(self, module: ChipPeripheral, table: BlockTable) -> Block:
+    def _model(self, module: ChipPeripheral, table: BlockTable) -> Block | CoreDevice:
         """Return the model of a block, which its list of registers selects."""
         processor, clocks = self._processor, self.clocks
         is_slow = table.gate.startswith("APB1")

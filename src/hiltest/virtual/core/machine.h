@@ -393,6 +393,13 @@ struct machine_nrf51_timer {
 bool machine_add_nrf51_timer(struct machine *machine, uint32_t base, struct machine_nrf51_timer connections);
 void machine_route_nrf51_timer(struct machine *machine, uint32_t base, bool is_routed);
 
+/* A general-purpose timer of STM32F4 parts; the mask has the bits of its counter. */
+struct machine_stm32_timer {
+    int32_t interrupt, clock;
+    uint32_t mask;
+};
+bool machine_add_stm32_timer(struct machine *machine, uint32_t base, struct machine_stm32_timer connections);
+
 /* FTM. `changed` is called when a reported channel changes its level, `note` at a write that requests an unmodelled
  * function. */
 struct machine_ftm {

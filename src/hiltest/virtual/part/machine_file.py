@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -10,12 +9,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError
 
+from hiltest.budgets import MACHINE
 from hiltest.errors import ConfigError
 from hiltest.json_files import adapter, describe_invalid, read_bounded
+from hiltest.virtual.model.profile_file import read_tables
 from hiltest.virtual.part.chip import Chip, ChipPeripheral, ChipRegister, MemoryMap
 
 _STRICT: dict[str, Any] = {"extra": "forbid"}
-_LARGEST_FILE = 64 * 1024
 _BLOCK_BYTES = 0x400
 _Address = Annotated[int, Field(ge=0, lt=1 << 32)]
 
@@ -122,11 +122,9 @@ def load_machine(name: str) -> MachineFile:
     if not name.endswith(".toml") and not file.is_file():
         names = ", ".join(["frdm-k64f", "microbit-v1", *sorted(path.stem for path in folder.glob("*.toml"))])
         raise ConfigError(f"no machine {name!r}; known: {names}; the name of your own file ends in .toml")
-    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a machine file (TOML)")
+    content = read_bounded(file, MACHINE, otherwise="name a machine file (TOML)")
     try:
-        machine: MachineFile = adapter(MachineFile).validate_python(tomllib.loads(content.decode()))
+        machine: MachineFile = adapter(MachineFile).validate_python(read_tables(str(file), content, MACHINE))
     except ValidationError as error:
         raise ConfigError(f"{file}: {describe_invalid(error.errors()[0])}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: {error}; correct the file") from error
     return machine

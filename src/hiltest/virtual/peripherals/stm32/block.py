@@ -8,6 +8,7 @@ from hiltest.state import Restorable
 from hiltest.virtual.core.machine import RefusedAccess
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY, StoredRegisters
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
 from hiltest.virtual.processor.cpu import Processor
 
@@ -81,25 +82,30 @@ class UnmodelledBlock(Block):
 class BlockPage(Restorable):
     """The blocks of a page. A block without its clock ignores writes and reads as zero, which is named once."""
 
-    def __init__(self, base: int, blocks: Iterable[Block], log: UnmodelledLog) -> None:
+    def __init__(self, base: int, blocks: Iterable[Block | CoreDevice], log: UnmodelledLog) -> None:
         self.base, self.clocked, self._log = base, True, log
         self._blocks = {(block.base - base) >> _BLOCK_BITS: block for block in blocks}
         self.name = ", ".join(block.name for block in self._blocks.values())
-        self.steady = frozenset(
-            block.base - base + offset
+        self.steady = self._bytes("steady")
+        self.counters = self._bytes("counters")
+
+    def _bytes(self, kind: str) -> frozenset[int]:
+        """Return the bytes of the page that the blocks declare as a kind."""
+        return frozenset(
+            block.base - self.base + offset
             for block in self._blocks.values()
-            for offset in range(_BLOCK_BYTES)
-            if offset in block.steady
+            for offset in getattr(block, kind, ())
+            if offset < _BLOCK_BYTES
         )
 
-    def parts(self) -> Iterable[Block]:
+    def parts(self) -> Iterable[Block | CoreDevice]:
         return self._blocks.values()
 
     def reset(self) -> None:
         for block in self._blocks.values():
             block.reset()
 
-    def _block(self, offset: int, size: int, written: int | None) -> Block | None:
+    def _block(self, offset: int, size: int, written: int | None) -> Block | CoreDevice | None:
         """Return the block at an offset; None if its clock is off."""
         block = self._blocks.get(offset >> _BLOCK_BITS)
         if block is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from hiltest.virtual.part.chip import ChipPeripheral
+from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.peripherals.stm32.block import Block
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
@@ -47,13 +48,13 @@ class ResetAndClocks(Block):
             Clock(processor.schedule, processor.now) for _ in range(6)
         )
         self._rates: dict[Clock, Fraction] = {}
-        self._gated: list[tuple[Block, int, int]] = []
+        self._gated: list[tuple[Block | CoreDevice, int, int]] = []
         super().__init__(processor, module)
 
     def parts(self) -> list[Clock]:
         return list(self._rates)
 
-    def gate(self, block: Block, place: str) -> None:
+    def gate(self, block: Block | CoreDevice, place: str) -> None:
         """Connect a block to its clock gate, such as ``APB1ENR.17``."""
         register, bit = place.split(".")
         self._gated.append((block, _OFFSETS[register], int(bit)))
