@@ -16,14 +16,15 @@ _FE, _ORE, _IDLE, _RXNE, _TC, _TXE = 1 << 1, 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 <
 _READ_CLEARS = 0x1F  # PE, FE, NF, ORE, IDLE: by a read of SR and then of DR
 _WRITE_CLEARS = _RXNE | _TC
 _UE, _TE, _RE, _OVER8, _EIE = 1 << 13, 1 << 3, 1 << 2, 1 << 15, 1
+_DMAR, _DMAT = 1 << 6, 1 << 7
 _BITS_A_BYTE = 10
 _TOLERANCE = 0.03  # beyond it the last bits are sampled during adjacent bits
 
 
 class Usart(Block, FarEnd):
-    """A USART with eight data bits, no parity and one stop bit; other frames and DMA requests are not modelled."""
+    """A USART with eight data bits, no parity and one stop bit; other frames are not modelled."""
 
-    steady = frozenset(ALL_STEADY) - frozenset(range(8))  # reads of SR and DR clear flags
+    steady = frozenset(ALL_STEADY) - frozenset(range(_DR, _DR + 4))  # a read clears flags
 
     def __init__(self, processor: Processor, module: ChipPeripheral, clock: Clock, time: Clock) -> None:
         self._clock, self._time = clock, time
@@ -67,7 +68,11 @@ class Usart(Block, FarEnd):
         status, control = self.word(_SR), self.word(_CR1)
         asks = status & control & (_TXE | _TC | _RXNE | _IDLE)  # the enabling bits are at the places of the flags
         asks |= status & _ORE if control & _RXNE else 0
+        asks |= status & (_FE | _ORE) if self.word(_CR3) & _EIE else 0  # with DMA
         self.drive_interrupt(bool(asks))
+        to_dma = self.word(_CR3)
+        self.on_request(f"{self.name}_RX", bool(to_dma & _DMAR and status & _RXNE))
+        self.on_request(f"{self.name}_TX", bool(to_dma & _DMAT and status & _TXE and control & _TE))
 
     def _set(self, flags: int) -> None:
         self.change_word(_SR, put=flags)
