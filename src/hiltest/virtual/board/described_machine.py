@@ -118,13 +118,6 @@ class DescribedChip(Restorable):
             if isinstance(block, PinInterrupts):
                 for port in self._ports.values():
                     block.connect(port)
-            elif isinstance(block, Dma):
-                block.bus = self.bus
-                for source in blocks:
-                    if isinstance(source, Block) and {f"{source.name}_TX", f"{source.name}_RX"} & {
-                        *block.requests.values()
-                    }:
-                        source.on_request = block.take_request
             elif isinstance(block, FlashControl):
                 lib.machine_pass_flash_stores(self._processor.machine.handle)
                 self.bus.store_in_flash = block.program
@@ -161,7 +154,7 @@ class DescribedChip(Restorable):
         if table.registers == "exti":
             return PinInterrupts(processor, module, self._selection, self.unmodelled)
         if table.registers == "dma":
-            return Dma(processor, module, clocks.core, table.requests)
+            return Dma(processor, module, clocks.core, self._machine.sources(module.name))
         if table.registers == "flash":
             memory = next(memory for memory in self._machine.memories if memory.sectors_kib)
             return FlashControl(

@@ -103,6 +103,17 @@ class MachineFile:
         """Return the blocks with the names of their registers."""
         return Chip(tuple(self._peripheral(name, block) for name, block in self.blocks.items()), ())
 
+    def sources(self, name: str) -> dict[str, int]:
+        """Return the numbers of the requests that a DMA controller serves, by stream and channel."""
+        numbers = self._request_numbers
+        requests = self.blocks[name].requests.items()
+        return {place: numbers[request] for request, places in requests for place in places.split()}
+
+    @property
+    def _request_numbers(self) -> dict[str, int]:
+        names = (request for block in self.blocks.values() for request in block.requests)
+        return {request: number for number, request in enumerate(names)}
+
     def _peripheral(self, name: str, block: Block) -> ChipPeripheral:
         words = enumerate(self.registers.get(block.registers, "").split())
         registers = tuple(
@@ -110,7 +121,9 @@ class MachineFile:
             for number, word in words
             if word != "-"
         )
-        return ChipPeripheral(name, block.base, _BLOCK_BYTES, (), registers, tuple(block.interrupts), ())
+        numbers = self._request_numbers
+        requests = tuple(numbers[f"{name}_{end}"] for end in ("RX", "TX") if f"{name}_{end}" in numbers)
+        return ChipPeripheral(name, block.base, _BLOCK_BYTES, (), registers, tuple(block.interrupts), requests)
 
 
 def load_machine(name: str) -> MachineFile:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 from hiltest.state import Restorable
 from hiltest.virtual.core.machine import RefusedAccess
@@ -19,18 +19,12 @@ class Block(StoredRegisters):
     """A block whose registers are words that store writes, with bytes and halfwords as parts of them.
 
     Subclasses override `read_word` and `write_word`.
-
-    Attributes
-    ----------
-    on_request : callable
-        Called with the name and the level of a request for DMA, such as ``USART2_TX``.
     """
 
     steady = ALL_STEADY
 
     def __init__(self, processor: Processor, module: ChipPeripheral) -> None:
         self.processor, self.module = processor, module
-        self.on_request: Callable[[str, bool], None] = lambda _name, _is_raised: None
         initial = {
             register.address - module.base + byte: register.reset >> 8 * byte & 0xFF
             for register in module.registers

@@ -52,8 +52,9 @@ class Spi(Block):
         asks = (status & _TXE and control & _TXEIE) or (status & _RXNE and control & _RXNEIE)
         self.drive_interrupt(bool(asks or (status & (_OVR | _MODF) and control & _ERRIE)))
         is_on = self.word(_CR1) & _SPE
-        self.on_request(f"{self.name}_RX", bool(control & _RXDMAEN and status & _RXNE))
-        self.on_request(f"{self.name}_TX", bool(is_on and control & _TXDMAEN and status & _TXE))
+        levels = control & _RXDMAEN and status & _RXNE, is_on and control & _TXDMAEN and status & _TXE
+        for number, level in zip(self.module.requests, levels, strict=False):
+            self.processor.machine.set_request(number, bool(level))
 
     # -- frames -------------------------------------------------------------------------------
 
