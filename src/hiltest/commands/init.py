@@ -135,11 +135,7 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
         kind,
         (rigs / f"{machine or proposals.base_rig}.toml").read_text(encoding="utf-8"),
         name=name,
-        firmware=None
-        if chip and not machine
-        else os.path.relpath(file, around / "hil" / "rigs")
-        if is_near
-        else str(file),
+        firmware=None if chip and not machine else path,
         choose=choose,
         machine=machine,
     )
