@@ -27,6 +27,7 @@ from hiltest.commands.ports import Ports
 from hiltest.commands.profile_worst import Worst
 from hiltest.commands.report_export import ExportedNumbers
 from hiltest.commands.serve import Served
+from hiltest.commands.start import Started
 from hiltest.commands.timing import Measured, ProfileChecked
 from hiltest.json_files import field_descriptions, schema_text
 from hiltest.judge.judgement import JudgeDocument
@@ -67,6 +68,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.ports/1": (Ports,),
     "hiltest.doctor/1": (Examined,),
     "hiltest.init/1": (Copied,),
+    "hiltest.start/1": (Started,),
     "hiltest.device-try/1": (Understood,),
     "hiltest.serve/1": (Served,),
     "hiltest.imu-calibration/1": (ImuCalibration,),

@@ -61,8 +61,8 @@ PRINTING = {
     "profile worst": ("profile", "worst", "direct", "--calls", "20"),
 }
 # A run or a board of their own: in tests/campaigns/test_bisect.py, tests/flashing/test_flash_command.py,
-# tests/boards/test_contributed_profile.py, and below.
-ELSEWHERE = {"bisect", "flash", "run", "timing check"}
+# tests/boards/test_contributed_profile.py, tests/test_start_command.py, and below.
+ELSEWHERE = {"bisect", "flash", "run", "start", "timing check"}
 
 
 def schemas_of(command: click.Command) -> list[str]:

@@ -51,6 +51,7 @@ READING = {
     "fit imu log": ("fit", "imu", "{}"),
     "flash --rig": ("flash", "--rig", "{}"),
     "flash elf": ("flash", "{}"),
+    "start elf": ("start", "{}"),
     "init --firmware": ("init", "bench", "--firmware", "{}"),
     "log --firmware": ("log", "--seconds", "1", "--out", "log.csv", "--firmware", "{}"),
     "log --rig": ("log", "--seconds", "1", "--out", "log.csv", "--rig", "{}"),

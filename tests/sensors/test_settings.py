@@ -106,6 +106,22 @@ def test_the_bits_of_a_function_without_a_model_can_be_fewer_than_all() -> None:
     assert "self-test of the magnetometer is set" in Setting("FXOS8700CQ", "0x5D", 0x04).not_modelled
 
 
+@pytest.mark.parametrize(
+    ("part", "register", "value"),
+    [
+        ("LSM6DS3TRC", "FIFO_CTRL5", 0x06),
+        ("LSM9DS1_AG", "FIFO_CTRL", 0xC0),
+        ("LSM303AGR_A", "FIFO_CTRL_REG_A", 0x80),
+        ("ICM20948", "FIFO_EN_2", 0x1E),
+    ],
+)
+def test_the_fifo_of_a_part_without_a_model_of_it_is_named_if_firmware_turns_it_on(
+    part: str, register: str, value: int
+) -> None:
+    assert "FIFO" in Setting(part, register, value).not_modelled
+    assert Setting(part, register, 0x00).not_modelled == ""
+
+
 def test_a_change_is_named_by_the_meaning_of_its_bits() -> None:
     change = Setting("onboard-FXOS8700CQ", "M_CTRL_REG1", 0x03).describe_change(0x1F)
     assert change == "onboard-FXOS8700CQ M_CTRL_REG1 0x03, was 0x1F: oversampling"

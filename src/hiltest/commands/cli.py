@@ -21,7 +21,7 @@ _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
 _OUTPUT_ERRORS = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
 # Commands under the headings of the help. "fit imu" is the function fit_imu in hiltest.commands.fit_imu.
 _HEADINGS = {
-    "Commands": ("run", "judge", "compare", "fit", "profile", "doctor", "flash", "init", "report"),
+    "Commands": ("run", "judge", "compare", "fit", "profile", "doctor", "flash", "start", "init", "report"),
     "Judge changes": ("baseline", "bisect", "report trend", "report export"),
     "Count cycles": ("profile worst", "timing"),
     "Work with a board": ("ports", "serve", "listen", "calibrate", "log"),
