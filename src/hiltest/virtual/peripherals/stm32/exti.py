@@ -45,6 +45,7 @@ class PinInterrupts(Block):
         self, processor: Processor, module: ChipPeripheral, selection: PinSelection, log: UnmodelledLog
     ) -> None:
         self._selection, self._log = selection, log
+        self._pending = 0
         super().__init__(processor, module)
 
     def connect(self, port: Gpio) -> None:
@@ -62,9 +63,10 @@ class PinInterrupts(Block):
             self._drive()
 
     def _drive(self) -> None:
-        pending = self.word(_PR) & self.word(_IMR)
+        before, self._pending = self._pending, self.word(_PR) & self.word(_IMR)
         for number, lines in enumerate(_LINES):
-            self.drive_interrupt(bool(pending & lines), number)
+            if (before ^ self._pending) & lines:
+                self.drive_interrupt(bool(self._pending & lines), number)
 
     def write_word(self, offset: int, value: int, mask: int) -> None:
         if offset == _PR:
