@@ -68,6 +68,7 @@ WORST_INPUT = Budget("a saved input", 4_000_000, 500_000, "values", 32, 2.0, 128
 RIG = Budget("a rig", _MI, 200_000, "values", 16, 5.0, 256 * _MI)
 """A hundred times the largest rig that ships; TOML is parsed in Python."""
 PART = Budget("a part file", 64 * _KI, 10_000, "values", 16, 1.0, 64 * _MI)
+MACHINE = Budget("a machine file", 64 * _KI, 10_000, "values", 16, 1.0, 64 * _MI)
 PROFILE = Budget("a timing profile", 64 * _KI, 10_000, "values", 16, 1.0, 64 * _MI)
 SIGNATURE = Budget("a table of signatures", 64 * _KI, 10_000, "values", 16, 1.0, 64 * _MI)
 
