@@ -1,0 +1,36 @@
+/** @file i3g4250d.c @brief An I3G4250D on SPI, or the L3GD20 before it, with its x forward, y left and z up. */
+#include "sensors.h"
+#include "spi.h"
+
+#define READ 0x80u
+#define NEXT 0x40u /* the address moves on */
+#define WHO_AM_I 0x0Fu
+#define I3G4250D 0xD3u
+#define L3GD20 0xD4u
+#define CTRL_REG1 0x20u
+#define OUT_X_L 0x28u
+#define DPS_PER_COUNT 0.00875f /* at 245 dps */
+
+static bool i3g4250d_set_up(void)
+{
+    /* CTRL_REG1 to 4: normal mode at 100 Hz with 12.5 Hz of bandwidth, no high-pass filter, no interrupt, words as a whole at 245 dps. */
+    static const uint8_t settings[] = {0x0F, 0x00, 0x00, 0x80};
+    uint8_t identity;
+    return spi_transfer(READ | WHO_AM_I, 0, &identity, 1u) && (identity == I3G4250D || identity == L3GD20)
+           && spi_transfer(NEXT | CTRL_REG1, settings, 0, sizeof settings);
+}
+
+static bool i3g4250d_read(float rate_dps[3])
+{
+    uint8_t bytes[6];
+    if (!spi_transfer(READ | NEXT | OUT_X_L, 0, bytes, sizeof bytes)) {
+        return false;
+    }
+    for (uint32_t axis = 0; axis < 3u; axis++) {
+        const int16_t counts = (int16_t)(uint16_t)(bytes[2u * axis] | bytes[2u * axis + 1u] << 8);
+        rate_dps[axis] = (axis == 0u ? DPS_PER_COUNT : -DPS_PER_COUNT) * (float)counts;
+    }
+    return true;
+}
+
+const compass_sensor_t gyroscope = {"I3G4250D", i3g4250d_set_up, i3g4250d_read};
