@@ -49,9 +49,10 @@ from hiltest.text import format_number
 PAGE = Path(__file__).with_suffix(".md")
 FOLDER = Path(__file__).with_suffix("")
 RESULTS, PACKAGES = FOLDER / "results.json", FOLDER / "requirements.txt"
+HARDWARE = FOLDER / "hardware_fxos8700cq.py"
 MOTIONS = 5
 """Number of simulated motions."""
-IN_C, IN_PYTHON = "hiltest C", "hiltest float64"
+IN_C, IN_PYTHON, IN_HARDWARE = OWN = "hiltest C", "hiltest float64", "FXOS8700CQ"
 CALIBRATOR_HEADINGS = ("all worlds", "99 %", "worst [deg]", "no answer", "cycles", "compiler")
 ERRORS = ("total [deg]", "heading [deg]", "inclination [deg]", "simulated, total [deg]")
 FILTER_HEADINGS = ("", "filter", "from", *ERRORS, "cycles", "compiler")
@@ -89,6 +90,9 @@ no ellipsoids, of all worlds.
 """
 
 CALIBRATORS = """\
+`m_acal` is the automatic hard-iron calibration in the FXOS8700CQ: the middle of the extremes of each axis, without a
+soft iron. It also errs by the noise of single samples, which the extremes are.
+
 `ellipsoid_fit` of magcal takes the mean of the samples for the centre. The default rig spreads its samples evenly
 over the sphere, so that there the mean is nearer the centre than any fit, and below the bound; it is far from it in
 all other worlds. `calibrate` of this package refuses fewer than 500 samples, so its functions are called without it.
@@ -237,7 +241,7 @@ class ReferenceFilter:
 
 
 def own_calibrator_candidates() -> list[Candidate]:
-    """Return the calibrators of the firmware and the float64 references."""
+    """Return the calibrators of the firmware, the float64 references, and the calibration of a magnetometer itself."""
     firmware = default_firmware().read_bytes()
     sources = b"".join(file.read_bytes() for file in sorted(Path(hiltest.calibration.__file__).parent.glob("*.py")))
     return [
@@ -246,6 +250,7 @@ def own_calibrator_candidates() -> list[Candidate]:
             Candidate(name, IN_PYTHON, sources, partial(nullcontext, ReferenceEntry(name, calibrator)))
             for name, calibrator in REFERENCES.items()
         ),
+        Candidate("m_acal", IN_HARDWARE, HARDWARE.read_bytes(), partial(open_entry, f"{HARDWARE}:m_acal", None)),
     ]
 
 
@@ -344,7 +349,7 @@ def _renew(
 
 def _key(row: Row) -> tuple[str, str]:
     """Return package and name, which another version of the package replaces."""
-    return row.source if row.source in (IN_C, IN_PYTHON) else row.source.split()[0], row.name
+    return row.source if row.source in OWN else row.source.split()[0], row.name
 
 
 def _keep(**changes: Any) -> None:
@@ -369,7 +374,7 @@ def page(results: Results) -> str:
     recordings = [name for name in results.motions if _is_recorded(name)]
     titles = {family.name: family.title for family in FAMILIES}
     others = [name for name in results.worlds if name not in DEFAULT_CLOUDS]
-    sources = sorted({row.source for row in results.rows if row.source not in (IN_C, IN_PYTHON)}, key=str.lower)
+    sources = sorted({row.source for row in results.rows if row.source not in OWN}, key=str.lower)
     lines = [
         HEAD.format(second=HALF_SPHERE, title=titles[HALF_SPHERE], packages=len(sources)),
         *_table(

@@ -156,6 +156,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["report", "x" * 300], "no file can have this name: File name too long"),
         (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
         (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
+        (["run", "gone.elf"], "gone.elf: No such file or directory"),
+        (["run", "gone.elf", "--firmware", "other.elf"], "two firmwares: --firmware other.elf and gone.elf"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
         (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),
         (["run", "--seeds", "1..4294967296"], "'4294967296' is not a seed"),
@@ -186,6 +188,13 @@ def test_a_conftest_cannot_change_the_exit_code_of_a_failed_run(tmp_path: Path) 
     result = hiltest("run", folder=tmp_path)
     assert result.returncode == 1
     assert "FAIL" in result.stdout
+
+
+def test_a_folder_without_tests_is_not_judged_by_the_suites(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    result = hiltest("run", "empty", folder=tmp_path)
+    assert result.returncode == 4
+    assert "the folder empty has no tests; leave it out to run only the suites" in result.stdout + result.stderr
 
 
 def test_init_copies_what_a_bench_needs_and_nothing_else(tmp_path: Path) -> None:

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 from tests.command_files import run
+from tests.parts_on_buses import parts_on_buses
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import sensor_registers
-from hiltest.rig import build_sensors, build_world, parts
+from hiltest.rig import build_world, parts
 from hiltest.rig.rig_file import load_rig
 
 RIG = Path(__file__).parents[1] / "hil" / "rigs" / "text-compass.toml"
@@ -73,7 +74,7 @@ def test_a_mistake_in_a_plugin_is_named_with_the_rig_s_line(
 
 def test_a_rig_names_a_sensor_by_its_entry_point(installed_rig: Path) -> None:
     rig = load_rig(installed_rig)
-    part = build_sensors(rig, build_world(rig), seed=1)["i2c1"][-1]
+    part = parts_on_buses(rig, build_world(rig), seed=1)["i2c1"][-1]
     assert (type(part).__name__, part.address) == ("Ak8963", 0x30)
     assert sensor_registers.registers_of.__wrapped__("AK8963")[0x02].name == "CONTROL"
 

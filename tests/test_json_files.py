@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hiltest.budgets import RECORD
 from hiltest.errors import ConfigError
-from hiltest.json_files import DEEPEST, parse_json, read_as, read_bounded, read_json
+from hiltest.json_files import parse_json, read_as, read_bounded, read_json
 
 VALUES = st.recursive(
     st.none()
@@ -40,9 +41,9 @@ def test_what_json_writes_is_read_as_it_was(value: object) -> None:
         ("1" * 5000, r'"1{56}\.\.\. is too large for a whole number'),
         ('{"a": 1, "b": 2, "a": 3}', 'key "a" stands twice'),
         ('[{"b": {"": 1, "": 1}}]', 'key "" stands twice'),
-        ("[" * 100_000, f"nested more than {DEEPEST} levels deep"),
-        ('{"a":' * 100_000, f"nested more than {DEEPEST} levels deep"),
-        ("[" * (DEEPEST + 1) + "]" * (DEEPEST + 1), f"nested more than {DEEPEST} levels deep"),
+        ("[" * 100_000, f"nested more than {RECORD.nesting} levels deep"),
+        ('{"a":' * 100_000, f"nested more than {RECORD.nesting} levels deep"),
+        ("[" * (RECORD.nesting + 1) + "]" * (RECORD.nesting + 1), f"nested more than {RECORD.nesting} levels deep"),
         ("{", "Expecting property name"),
         ("", "Expecting value"),
         ("1 2", "Extra data"),
@@ -55,7 +56,10 @@ def test_what_is_refused(text: str, complaint: str) -> None:
 
 
 def test_as_deep_as_allowed_is_read() -> None:
-    assert json.dumps(parse_json("[" * DEEPEST + "]" * DEEPEST)) == "[" * DEEPEST + "]" * DEEPEST
+    assert (
+        json.dumps(parse_json("[" * RECORD.nesting + "]" * RECORD.nesting))
+        == "[" * RECORD.nesting + "]" * RECORD.nesting
+    )
 
 
 def test_bytes_that_are_no_utf8_are_refused() -> None:
@@ -67,16 +71,16 @@ def test_a_file_is_refused_by_name_and_with_what_to_do(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text("NaN")
     with pytest.raises(ConfigError, match=f"^{path}: not JSON: NaN is not a number; ask again$"):
-        read_json(path, largest_bytes=10, otherwise="ask again")
+        read_json(path, budget=replace(RECORD, bytes=10), otherwise="ask again")
 
 
 def test_a_file_larger_than_its_bound_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_bytes(b"x" * 10)
-    assert read_bounded(path, largest_bytes=10, otherwise="") == b"x" * 10
+    assert read_bounded(path, replace(RECORD, bytes=10), otherwise="") == b"x" * 10
     os.truncate(path, 100 * 1024 * 1024)  # 100 MB of nothing
-    with pytest.raises(ConfigError, match="larger than 10 bytes; ask again"):
-        read_bounded(path, largest_bytes=10, otherwise="ask again")
+    with pytest.raises(ConfigError, match="larger than 10 bytes, the budget of a record; ask again"):
+        read_bounded(path, replace(RECORD, bytes=10), otherwise="ask again")
 
 
 def test_pipes_and_devices_may_never_end_and_are_refused(tmp_path: Path) -> None:
@@ -87,13 +91,13 @@ def test_pipes_and_devices_may_never_end_and_are_refused(tmp_path: Path) -> None
         (tmp_path, "a folder"),
     ):
         with pytest.raises(ConfigError, match=what):
-            read_bounded(path, largest_bytes=10, otherwise="")
+            read_bounded(path, replace(RECORD, bytes=10), otherwise="")
 
 
 @pytest.mark.parametrize("name", ["gone", "a\0b", "x" * 300])
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match=r"No such file|null byte|name too long"):
-        read_bounded(tmp_path / name, largest_bytes=10, otherwise="")
+        read_bounded(tmp_path / name, replace(RECORD, bytes=10), otherwise="")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""JSON: one strict reader of files from any source, one text of documents, and the JSON Schemas of their classes."""
+"""JSON: one strict reader of files from any source, one text of documents, the JSON Schemas of their classes; TOML."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ import math
 import re
 import stat
 import textwrap
-from collections.abc import Sequence
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from hiltest.budgets import RECORD, Budget, BudgetError, count_separators
 from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
     from pydantic_core import ErrorDetails
 
-LARGEST_BYTES = 32 * 1024 * 1024
-"""Largest size of a record or a baseline; the record of the full set has a hundredth of it."""
-
-DEEPEST = 32
-"""Largest number of nested lists and objects; a record has six."""
-
 # A list of only numbers. No string has a line break after a bracket.
 _NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*?)\n\s*\]")
 _LONGEST_INTEGER = 19  # digits; no count needs 64 bits
+_PIECE_BYTES = 1 << 20
+# A key of TOML with many parts, for which the parser takes the square of their number; possessive, hence linear.
+_ONE_KEY = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = r"(?<![\w'\"-]){key}(?:[ \t]*+\.[ \t]*+{key}){{{parts}}}"
 
 Document = TypeVar("Document")
 
@@ -55,7 +56,7 @@ class JsonFile:
         return str(self.schema).partition("/")[0] == schema.partition("/")[0]
 
 
-def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES, in_lines: bool = False) -> JsonFile:
+def read_json(path: Path, *, otherwise: str, budget: Budget = RECORD, in_lines: bool = False) -> JsonFile:
     """Read and parse one JSON file.
 
     Parameters
@@ -64,17 +65,20 @@ def read_json(path: Path, *, otherwise: str, largest_bytes: int = LARGEST_BYTES,
         True for a file with one object per line, as of `parse_json_lines`.
     otherwise
         Remedy if it is refused; it ends the message.
-    largest_bytes
+    budget
         A larger file is refused before it is read.
 
     Raises
     ------
     ConfigError
-        If it cannot be read or is not JSON in the sense of `parse_json`.
+        If it cannot be read, is over its budget, or is not JSON in the sense of `parse_json`.
     """
-    text = read_bounded(path, largest_bytes=largest_bytes, otherwise=otherwise)
+    text = read_bounded(path, budget, otherwise=otherwise)
     try:
-        return JsonFile(path, text, parse_json_lines(text) if in_lines else parse_json(text), sha256(text).hexdigest())
+        content = parse_json_lines(text, budget) if in_lines else parse_json(text, budget)
+        return JsonFile(path, text, content, sha256(text).hexdigest())
+    except BudgetError as error:
+        raise ConfigError(f"{path}: {error}; {otherwise}") from error
     except ValueError as error:
         raise ConfigError(f"{path}: not JSON: {error}; {otherwise}") from error
 
@@ -85,7 +89,7 @@ def read_as(
     schema: str | None = None,
     *,
     otherwise: str,
-    largest_bytes: int = LARGEST_BYTES,
+    budget: Budget = RECORD,
 ) -> Document:
     """Read a JSON file as a type.
 
@@ -95,7 +99,7 @@ def read_as(
     ----------
     schema
         Schema of the type, such as ``hiltest.run/1``; None for a file without one.
-    otherwise, largest_bytes
+    otherwise, budget
         See `read_json`.
 
     Raises
@@ -108,7 +112,7 @@ def read_as(
 
     file = source
     if isinstance(file, Path):
-        file = read_json(file, otherwise=otherwise, largest_bytes=largest_bytes)
+        file = read_json(file, otherwise=otherwise, budget=budget)
     if schema is not None:
         require_schema(file.path, file.schema, schema, otherwise=otherwise)
     try:
@@ -187,38 +191,65 @@ def json_line(content: object) -> str:
     return json.dumps(content, ensure_ascii=False, allow_nan=False)
 
 
-def read_bounded(path: Path, *, largest_bytes: int, otherwise: str) -> bytes:
-    """Return the bytes of a regular file.
+def read_bounded(path: Path, budget: Budget, *, otherwise: str) -> bytes:
+    """Return the bytes of a regular file; the errors are those of `read_pieces`."""
+    return b"".join(read_pieces(path, budget, otherwise=otherwise))
+
+
+def read_pieces(path: Path, budget: Budget, *, otherwise: str) -> Iterator[bytes]:
+    """Yield the bytes of a regular file in pieces.
 
     Raises
     ------
     ConfigError
-        If it cannot be read, is larger, or is a pipe or a device, which may never end.
+        If it cannot be read, is larger than its budget, or is a pipe or a device, which may never end.
     """
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise ConfigError(f"{path}: {kind}; {otherwise}")
-        with path.open("rb") as file:  # a file that is still written may have grown meanwhile
-            content = b"" if status.st_size > largest_bytes else file.read(largest_bytes + 1)
+        budget.check(size=status.st_size)
+        with path.open("rb") as file:
+            size = 0
+            while piece := file.read(_PIECE_BYTES):
+                size += len(piece)
+                budget.check(size=size)  # a file that is still written may have grown meanwhile
+                yield piece
     except (OSError, ValueError) as error:  # a name with a NUL is a ValueError
         raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}; {otherwise}") from error
-    if max(len(content), status.st_size) > largest_bytes:
-        raise ConfigError(f"{path}: larger than {largest_bytes} bytes; {otherwise}")
-    return content
 
 
-def parse_json(text: str | bytes) -> Any:
+def parse_toml(content: bytes, budget: Budget) -> dict[str, Any]:
+    """Parse TOML.
+
+    Raises
+    ------
+    ValueError
+        If it is over its budget, or not TOML in UTF-8.
+    """
+    budget.check(items=count_separators(content))
+    text = content.decode("utf-8")
+    if re.search(_LONG_KEY.format(key=_ONE_KEY, parts=budget.nesting), text):
+        budget.check(nesting=budget.nesting + 1)
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
+def parse_json(text: str | bytes, budget: Budget = RECORD) -> Any:
     """Parse JSON according to RFC 8259, in UTF-8.
 
     Raises
     ------
     ValueError
-        If it is not JSON, is nested too deeply, holds a NaN or a number that is too large for a float or for 64 bits,
+        If it is not JSON, is over its budget, holds a NaN or a number that is too large for a float or for 64 bits,
         or has a key twice in one object.
     """
-    decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+    encoded = text if isinstance(text, bytes) else text.encode()
+    budget.check(items=count_separators(encoded))
+    decoded = text if isinstance(text, str) else text.decode("utf-8")
     try:
         parsed = json.loads(
             decoded,
@@ -227,14 +258,14 @@ def parse_json(text: str | bytes) -> Any:
             parse_float=_parse_finite,
             parse_int=_parse_short_integer,
         )
-    except RecursionError as error:
-        raise ValueError(f"nested more than {DEEPEST} levels deep") from error
-    if _is_deeper_than(parsed, DEEPEST):
-        raise ValueError(f"nested more than {DEEPEST} levels deep")
+    except RecursionError:
+        budget.check(nesting=budget.nesting + 1)
+    if _is_deeper_than(parsed, budget.nesting):
+        budget.check(nesting=budget.nesting + 1)
     return parsed
 
 
-def parse_json_lines(text: bytes) -> list[dict[str, Any]]:
+def parse_json_lines(text: bytes, budget: Budget = RECORD) -> list[dict[str, Any]]:
     """Parse a file with one JSON object per line; a last line without its end is ignored, since it may be half written.
 
     Raises
@@ -242,10 +273,11 @@ def parse_json_lines(text: bytes) -> list[dict[str, Any]]:
     ValueError
         If a line is no object in the sense of `parse_json`; the message has the number of the line.
     """
+    budget.check(items=count_separators(text))
     entries: list[dict[str, Any]] = []
     for number, line in enumerate(text.split(b"\n")[:-1], 1):
         try:
-            entry = parse_json(line)
+            entry = parse_json(line, budget)
         except ValueError as error:
             raise ValueError(f"line {number} is damaged: {error}") from error
         if not isinstance(entry, dict):
@@ -257,8 +289,7 @@ def parse_json_lines(text: bytes) -> list[dict[str, Any]]:
 def _refuse_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        ((twice, _),) = Counter(name for name, _ in pairs).most_common(1)
         raise ValueError(f"key {shown(twice)} stands twice in one object")
     return content
 

@@ -6,7 +6,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,7 @@ from hiltest.boards.gdb_server import GdbServer
 from hiltest.boards.gdb_session import GdbSession
 from hiltest.boards.paced import PacedBench
 from hiltest.boards.served_lines import PseudoTerminal
+from hiltest.budgets import GDB
 from hiltest.errors import BoardFault
 from hiltest.link.gdb_packets import ACKNOWLEDGED, packet
 from hiltest.rig.bench_files import shipped
@@ -594,3 +595,45 @@ def test_debians_gdb_debugs_the_board(debugged: Debugged, elf: Path, require_too
         assert expected in output, (expected, output, done.stderr)
     assert "cycles, " in done.stderr
     assert done.returncode == 0
+
+
+def test_a_client_that_asks_again_60000_times_is_disconnected_and_the_next_gdb_is_served(debugged: Debugged) -> None:
+    with started(debugged) as client:
+        answer = client.ask(b"m0,1f00")
+        assert len(answer) == 2 * 0x1F00
+        client.socket.sendall(b"-" * 60_000)
+        repeated = 0
+        with suppress(ConnectionResetError):
+            while data := client.socket.recv(1 << 16):
+                repeated += len(data)
+        assert repeated <= GDB.items * (len(answer) + 4)
+    with debugged.client() as client:
+        assert client.ask(b"qAttached") == b"1"
+
+
+def test_a_server_ends_at_once_beside_a_client_that_does_not_read_its_answers(debugged: Debugged) -> None:
+    with started(debugged) as client:
+        client.socket.settimeout(0.2)
+        with suppress(TimeoutError):
+            for _ in range(100_000):
+                client.socket.sendall(b"$m0,1f00#%02x" % (sum(b"m0,1f00") & 0xFF))
+        cpu_s = time.process_time()
+        closing = threading.Thread(target=debugged.server.close)
+        closing.start()
+        closing.join(WALL_LIMIT_S)
+        assert not closing.is_alive()
+        assert time.process_time() - cpu_s < 2.0  # of a thread that waits; the copies of 100 000 answers took minutes
+
+
+@pytest.mark.parametrize("begin", [b"POST / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\n", b"\x16\x03\x01\x02"])
+def test_the_body_of_an_http_request_is_not_obeyed_and_halts_nothing(debugged: Debugged, begin: bytes) -> None:
+    debugged.thread.start()
+    with GdbClient(debugged.server.port) as client:
+        client.socket.sendall(begin + b"Content-Length: 99\r\n\r\n" + packet(b"M20000000,4:deadbeef") + packet(b"k"))
+        with suppress(ConnectionResetError):
+            assert client.socket.recv(100) == b""
+    debugged.ended()
+    assert debugged.machine.time_s >= UNTIL_S
+    assert debugged.machine.processor.memory.read(0x20000000, 4) != bytes.fromhex("deadbeef")
+    with debugged.client() as client:
+        assert client.ask(b"qAttached") == b"1"

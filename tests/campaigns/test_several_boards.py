@@ -105,6 +105,21 @@ def test_boards_that_cannot_run_at_once_are_refused(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["..", "../..", "/tmp/x", "a/b", "CON", "x" * 300, "dot."])
+def test_a_rig_whose_name_leads_to_another_folder_is_refused_before_a_run_starts(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.toml").write_text(re.sub(r"(?m)^name = .*", f'name = "{name}"', VIRTUAL, count=1))
+    rigs = str(tmp_path / "rig.toml"), a_rig(tmp_path, "other", VIRTUAL)
+    assert run("run", "--rig", rigs[0], "--rig", rigs[1], "--out", "out/deep") == 4
+    message = capsys.readouterr().err
+    assert "cannot name a file" in message
+    assert f"give {rigs[0]} another name" in message
+    files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert files <= {"rig.toml", "other.toml", "command.lock"}
+
+
 def measured(value: float | None, **more: str) -> Measurement:
     return Measurement(more.get("name", "heading.direct.max"), value, "deg", cycle_model=more.get("model", ""))
 

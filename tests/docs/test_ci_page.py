@@ -180,6 +180,14 @@ def commands() -> Iterator[str]:
     yield from (step["run"] for step in STEPS if "run" in step)
 
 
+@pytest.mark.parametrize("file", ["action.yml", "docs/ci.md", "docs/kernels.md"])
+def test_actions_of_others_are_pinned_by_commit_with_the_version_beside_it(file: str) -> None:
+    used = re.findall(r"uses: (?!OWNER/)(.*)", (ROOT / file).read_text(encoding="utf-8"))
+    assert used
+    for action in used:
+        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", action), action
+
+
 def test_only_installations_are_replaced() -> None:
     assert [command for command in commands() if "install" in command] == [INSTALL_COMPILER, INSTALL]
     build = [sys.executable, "-B", str(FIRMWARE / "build.py")]

@@ -23,7 +23,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 AGAIN = "judge anew: python docs/leaderboard.py"
 ADAPTERS = [
     (file, node.name, (ast.get_docstring(node) or "").split()[0])
-    for file in sorted((DOCS / "leaderboard").glob("*.py"))
+    for file in sorted([*(DOCS / "leaderboard").glob("calibrators_*.py"), DOCS / "leaderboard" / "filters.py"])
     for node in ast.parse(file.read_text(encoding="utf-8")).body
     if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
 ]

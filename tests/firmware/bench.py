@@ -9,11 +9,13 @@ from pathlib import Path
 
 from hiltest.link.framing import DamagedFrame, Frame, FrameDecoder, encode_frame
 from hiltest.link.replies import Status
-from hiltest.rig import build_sensors, build_world
+from hiltest.rig import build_world
 from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.peripherals.i2c_bus import I2cDevice
 from hiltest.world.sensors.register_device import RegisterDevice
+
+from ..parts_on_buses import parts_on_buses
 
 ROOT = Path(__file__).parents[2]
 ELF = ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
@@ -85,7 +87,7 @@ class Bench:
 def sensors() -> dict[str, list[RegisterDevice]]:
     """The parts of the default rig, by bus."""
     rig = load_rig(ROOT / "hil" / "rigs" / "virtual-k64f.toml")
-    return build_sensors(rig, build_world(rig), 1)
+    return parts_on_buses(rig, build_world(rig), 1)
 
 
 def bench_with(*buses: str) -> Bench:

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hiltest.boards import VirtualBench
-from hiltest.rig import build_sensors, build_world
+from hiltest.rig import build_world
 from hiltest.rig.rig_file import load_rig
 
+from ..parts_on_buses import parts_on_buses
 from .polling import SAMPLE_BYTES, polled
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "virtual-k64f.toml"
@@ -24,7 +25,7 @@ def test_every_sample_raises_its_pin_and_is_read_once(build_program: Callable[[s
     board.run_until(3.0, wake=lambda: any(memory.read(symbols["finished"].address, 4)))
     assert any(memory.read(symbols["finished"].address, 4))
     size = symbols["parts"].size // 2
-    _, accelerometer, gyroscope = build_sensors(rig, build_world(rig), rig.seed)["i2c1"]
+    _, accelerometer, gyroscope = parts_on_buses(rig, build_world(rig), rig.seed)["i2c1"]
     switched_on = (gyroscope, 0x13, 0x0A), (accelerometer, 0x2A, 0x11)
     for index, expected in enumerate(polled(*register, until_s=1.325) for register in switched_on):
         part = memory.read(symbols["parts"].address + index * size, size)

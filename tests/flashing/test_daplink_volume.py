@@ -99,7 +99,12 @@ def test_a_write_that_breaks_off_is_explained_by_the_drive(tmp_path: Path, monke
 
 @pytest.mark.parametrize(
     ("details", "message"),
-    [(None, "it has no DETAILS.TXT"), ("Daplink Mode: Bootloader\r\n", "without holding its reset button")],
+    [
+        (None, "it has no DETAILS.TXT"),
+        ("Unique ID: 0240\r\nInterface Version: 0257\r\n", "does not name DAPLink and a unique id"),
+        ("# notes about my DAPLink\r\n", "does not name DAPLink and a unique id"),
+        ("Daplink Mode: Bootloader\r\n", "without holding its reset button"),
+    ],
 )
 def test_nothing_is_written_to_another_folder(details: str | None, message: str, tmp_path: Path) -> None:
     if details is not None:

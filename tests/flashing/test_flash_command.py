@@ -181,11 +181,14 @@ def test_a_board_that_another_process_has_is_left_alone(machine: UsbTree, capsys
         os.close(near)
 
 
-def test_a_volume_is_named_where_no_board_is_found(
+def test_a_folder_that_is_no_usb_drive_is_written_to_only_with_force(
     machine: UsbTree, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with Drive(tmp_path / "drive") as drive:
-        assert run("flash", "--volume", str(tmp_path / "drive")) == 0
+        assert run("flash", "--volume", str(tmp_path / "drive")) == 20
+        assert drive.flash == {}
+        assert "is not the mount point of a USB drive with a DAPLink" in capsys.readouterr().err
+        assert run("flash", "--volume", str(tmp_path / "drive"), "--force") == 0
     assert "the serial port of the board is unknown" in capsys.readouterr().out
     assert drive.flash != {}
 

@@ -65,13 +65,15 @@ def test_tests_that_the_user_left_out_make_nobody_red_and_are_said(
     pytester.makepyfile(test_both=BOTH)
     result = pytester.runpytest_inprocess(*choice)
     assert result.ret == 0
-    result.stdout.fnmatch_lines(["PASS. Not evaluated: 1 limit of the rig: lamp.heat."])
+    result.stdout.fnmatch_lines(["PASS. No test measured lamp.heat, so that its limit was not checked."])
     assert record_of(pytester)["chosen"]
     assert outcomes_of(pytester) == {"lamp.current": "pass"}
     # All that was chosen ran: it is compared with a run of the same choice, though limits of the rig were left out.
     again = pytester.runpytest_inprocess(*choice, "--hil-baseline=hil-out", "--hil-out=again")
     assert again.ret == 0
-    again.stdout.fnmatch_lines(["May be merged as far as the chosen tests show (against*: PASS:", "1 unchanged. Not*"])
+    again.stdout.fnmatch_lines(
+        ["May be merged as far as the chosen tests show (against*: PASS:", "1 unchanged. No test measured*"]
+    )
     # It is no base of a whole run, and no part of one.
     whole = pytester.runpytest_inprocess("--hil-baseline=hil-out", "--hil-out=whole")
     assert whole.ret == 22

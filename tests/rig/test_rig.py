@@ -15,11 +15,13 @@ from hiltest.calibration.dpi import PAIRS_MINIMUM
 from hiltest.errors import ConfigError, UnknownKeyError
 from hiltest.measurement import Limit
 from hiltest.orientation.angles import Pose, wrap_180
-from hiltest.rig import build_sensors, build_world, world_truth
+from hiltest.rig import build_world, world_truth
 from hiltest.rig.cycles import CountedFunctions
 from hiltest.rig.rig_file import load_rig
 from hiltest.rig.toml_tables import DPI_PAIRS_MINIMUM, CoveredPart, RigValueError, TurntableSettings
 from hiltest.world.sensors.fxos8700cq import noise_at_oversampling, oversampling
+
+from ..parts_on_buses import parts_on_buses
 
 RIGS = Path(__file__).parents[2] / "hil" / "rigs"
 DEFAULT = RIGS / "virtual-k64f.toml"
@@ -429,13 +431,13 @@ def test_the_true_mounting_may_differ_from_the_declared_one(edited):
 
 def test_the_shield_is_on_bus_1_and_parts_can_be_left_off():
     rig = load_rig(DEFAULT)
-    buses = build_sensors(rig, build_world(rig), 1)
+    buses = parts_on_buses(rig, build_world(rig), 1)
     assert {bus: [part.address for part in parts] for bus, parts in buses.items()} == {
         "i2c0": [0x1D],
         "i2c1": [0x0E, 0x1E, 0x20],
     }
     bare = replace(rig, world=replace(rig.world, fitted=("onboard-fxos8700cq",)))
-    buses = build_sensors(bare, build_world(bare), 1)
+    buses = parts_on_buses(bare, build_world(bare), 1)
     assert {bus: [part.address for part in parts] for bus, parts in buses.items()} == {"i2c0": [0x1D], "i2c1": []}
 
 

@@ -10,12 +10,13 @@ import pytest
 
 from hiltest.boards.bench import VirtualBench
 from hiltest.errors import ConfigError
-from hiltest.rig import Rig, build_sensors, build_world, world_truth
-from hiltest.rig.rig import conditions_sha256
+from hiltest.rig import Rig, build_world, world_truth
+from hiltest.rig.rig import _conditions, conditions_sha256
 from hiltest.rig.rig_file import load_rig, parse_rig
 from hiltest.world.sensors.faulty_part import FaultyPart
 from hiltest.world.sensors.lis3mdl import Lis3mdl
 
+from ..parts_on_buses import parts_on_buses
 from ..sensors.bus_master import read, write
 
 RIG = Path(__file__).parents[2] / "hil" / "rigs" / "text-compass.toml"
@@ -56,7 +57,7 @@ def test_a_part_stands_beside_those_of_the_shield_with_its_own_truth(tmp_path: P
     rig = rig_with(tmp_path, LIS3MDL + axes)
     assert set(rig.parts) == {"mag3110", "fxos8700cq", "fxas21002c", "onboard-fxos8700cq", "lis3mdl"}
     world = build_world(rig)
-    parts = {part.address: part for part in build_sensors(rig, world, seed=1)["i2c1"]}
+    parts = {part.address: part for part in parts_on_buses(rig, world, seed=1)["i2c1"]}
     assert sorted(parts) == [0x0E, 0x1C, 0x1E, 0x20]
     write(parts[0x1C], 0.05, 0x22, 0x00)
     x, y, z = readings_ut(parts[0x1C], 0x28, 68.42, 0.3)
@@ -82,7 +83,7 @@ def test_a_part_can_be_the_magnetometer_under_test(tmp_path: Path) -> None:
 
 def test_two_parts_of_a_kind_have_names_and_noise_of_their_own(tmp_path: Path) -> None:
     rig = rig_with(tmp_path, LIS3MDL + LIS3MDL + 'name = "second"\naddress = 0x1E\nbus = "i2c0"\n')
-    sensors = build_sensors(rig, build_world(rig), seed=1)
+    sensors = parts_on_buses(rig, build_world(rig), seed=1)
     pair = [part for bus in ("i2c1", "i2c0") for part in sensors[bus] if isinstance(part, Lis3mdl)]
     assert [part.address for part in pair] == [0x1C, 0x1E]
     for part in pair:
@@ -104,11 +105,11 @@ def test_the_sensor_of_a_named_part_has_its_name_before_its_own(tmp_path: Path) 
 def test_faults_of_a_named_part(tmp_path: Path) -> None:
     absent = '\n[faults]\nsensor = { part = "lis3mdl", fault = "absent", after_s = 1.0, for_s = 1.0 }\n'
     rig = rig_with(tmp_path, LIS3MDL + absent)
-    part = build_sensors(rig, build_world(rig), seed=1)["i2c1"][-1]
+    part = parts_on_buses(rig, build_world(rig), seed=1)["i2c1"][-1]
     assert isinstance(part, FaultyPart)
     assert [part.start(True, time_s) for time_s in (0.5, 1.5, 2.5)] == [True, False, True]
     frozen = rig_with(tmp_path, LIS3MDL + absent.replace("absent", "frozen"))
-    part = build_sensors(frozen, build_world(frozen), seed=1)["i2c1"][-1]
+    part = parts_on_buses(frozen, build_world(frozen), seed=1)["i2c1"][-1]
     write(part, 0.05, 0x22, 0x00)
     rows = [readings_ut(part, 0x28, 68.42, time_s).tolist() for time_s in (0.8, 1.15, 1.95, 2.5)]
     assert [row == rows[1] for row in rows] == [False, True, True, False]
@@ -125,26 +126,70 @@ def test_an_interrupt_pin_is_wired_to_the_processor(tmp_path: Path) -> None:
     assert bench.machine.level("PTC5")
 
 
+class SpiMaster:
+    """SPI0 of a bench, with its chip selects 0 and 1 on PTD0 and PTD4."""
+
+    def __init__(self, bench: VirtualBench) -> None:
+        self.bench, self.registers, self.spi = bench, bench.machine.bus, 0x4002C000
+        self.registers.write(0x4004803C, 4, self.registers.read(0x4004803C, 4) | 1 << 12)  # SIM_SCGC6: SPI0
+        for pin in (0, 4):
+            self.registers.write(0x4004C000 + 4 * pin, 4, 2 << 8)  # PORTD_PCR: SPI0_PCS0, SPI0_PCS1
+        self.registers.write(self.spi, 4, 1 << 31 | 3 << 16)  # MCR: master, chip selects low when active
+        self.registers.write(self.spi + 0xC, 4, 7 << 27)  # CTAR0: bytes
+
+    def read(self, select: int, register: int) -> list[int]:
+        """Both received bytes of a read of a register."""
+        for command in (1 << 31 | 1 << (16 + select) | 0x80 | register, 1 << (16 + select)):  # PUSHR
+            self.registers.write(self.spi + 0x34, 4, command)
+        self.bench.machine.run_until(self.bench.time_s + 1e-3)
+        return [self.registers.read(self.spi + 0x38, 4) for _ in range(2)]
+
+
 def test_a_part_on_spi_answers_to_its_chip_select_unless_it_is_absent(tmp_path: Path) -> None:
     absent = '\n[faults]\nsensor = { part = "lis3mdl", fault = "absent", for_s = 0.5 }\n'
     rig = rig_with(tmp_path, LIS3MDL + 'bus = "spi0"\nchip_select = "PTD0"\n' + absent)
     bench = VirtualBench(rig)
     bench.power_on()
-    registers, spi = bench.machine.bus, 0x4002C000
-    registers.write(0x4004803C, 4, registers.read(0x4004803C, 4) | 1 << 12)  # SIM_SCGC6: SPI0
-    registers.write(0x4004C000, 4, 2 << 8)  # PORTD_PCR0: SPI0_PCS0
-    registers.write(spi, 4, 1 << 31 | 1 << 16)  # MCR: master, chip select low when active
-    registers.write(spi + 0xC, 4, 7 << 27)  # CTAR0: bytes
-
-    def identity() -> list[int]:
-        for command in (1 << 31 | 1 << 16 | 0x8F, 1 << 16):  # PUSHR: read WHO_AM_I
-            registers.write(spi + 0x34, 4, command)
-        bench.machine.run_until(bench.time_s + 1e-3)
-        return [registers.read(spi + 0x38, 4) for _ in range(2)]
-
-    assert identity() == [0xFF, 0xFF]
+    master = SpiMaster(bench)
+    assert master.read(0, 0x0F) == [0xFF, 0xFF]
     bench.machine.run_until(0.8)
-    assert identity() == [0xFF, 0x3D]
+    assert master.read(0, 0x0F) == [0xFF, 0x3D]
+
+
+SPI = 'bus = "spi0"\nchip_select = "PTD0"\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "keys", "identities"),
+    [
+        ("lsm9ds1", 'companion_chip_select = "PTD4"\n', [0x68, 0x3D]),
+        ("icm20948", "", [0xEA, 0xFF]),
+    ],
+)
+def test_a_package_on_spi_answers_to_a_chip_select_of_each_device(
+    tmp_path: Path, name: str, keys: str, identities: list[int]
+) -> None:
+    part = f'\n[[sensors.parts]]\npart = "{name}"\n{SPI}{keys}'
+    bench = VirtualBench(rig_with(tmp_path, part))
+    bench.power_on()
+    master, register = SpiMaster(bench), 0x0F if name == "lsm9ds1" else 0x00
+    assert [master.read(select, register)[1] for select in (0, 1)] == identities
+
+
+def test_a_magnetometer_behind_a_part_on_spi_is_among_the_devices_of_the_bench(tmp_path: Path) -> None:
+    bench = VirtualBench(rig_with(tmp_path, f'\n[[sensors.parts]]\npart = "icm20948"\n{SPI}'))
+    device = bench._named["icm20948"]
+    magnetometer = device.companions[0]
+    write(magnetometer, 0.05, 0x31, 0x08)
+    magnetometer.is_reachable = True
+    write(magnetometer, 0.05, 0x31, 0x08)
+    read(magnetometer, 0.5, 0x11, 6)
+    assert bench.delivered_fields()["spi0:PTD0 AK09916"][0] == 1
+
+
+def test_the_further_device_of_a_package_has_an_address_of_its_own(tmp_path: Path) -> None:
+    rig = rig_with(tmp_path, '\n[[sensors.parts]]\npart = "lsm9ds1"\nbus = "i2c0"\ncompanion_address = 0x1C\n')
+    assert [part.address for part in parts_on_buses(rig, build_world(rig), 1)["i2c0"]] == [0x1D, 0x6B, 0x1C]
 
 
 def test_the_mag3110_of_the_shield_can_be_wired(tmp_path: Path) -> None:
@@ -158,6 +203,11 @@ def test_the_mag3110_of_the_shield_can_be_wired(tmp_path: Path) -> None:
         bench.machine.run_until(bench.time_s + 0.5e-3)
         levels.add(bench.machine.level("PTC5"))
     assert levels == {False, True}
+
+
+def test_keys_without_a_value_are_not_in_the_digest_of_a_rig_with_parts(tmp_path: Path) -> None:
+    (part,) = _conditions(rig_with(tmp_path, LIS3MDL))["sensors"]["parts"]
+    assert part == {"part": "lis3mdl", "bus": "i2c1", "interrupts": {}}
 
 
 def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
@@ -205,6 +255,32 @@ def test_a_rig_without_parts_keeps_its_digest(tmp_path: Path) -> None:
             "lis3mdl measures magnetometer only",
         ),
         ('part = "qmc5883p"\nbus = "spi0"\nchip_select = "PTD0"', (), 'bus = "spi0"', "qmc5883p has I2C only"),
+        ('part = "lsm303agr"\nbus = "spi0"\nchip_select = "PTD0"', (), 'bus = "spi0"', "lsm303agr has I2C only"),
+        (
+            'part = "lsm9ds1"\nbus = "spi0"\nchip_select = "PTD0"',
+            (),
+            "[[sensors.parts]]",
+            "name the chip select of the LSM9DS1_M in this package",
+        ),
+        (
+            'part = "icm20948"\nbus = "spi0"\nchip_select = "PTD0"\ncompanion_chip_select = "PTD4"',
+            (),
+            'companion_chip_select = "PTD4"',
+            "icm20948 has no further device on an SPI bus",
+        ),
+        (
+            'part = "lsm9ds1"\nbus = "spi0"\nchip_select = "PTD0"\ncompanion_chip_select = "PTD0"',
+            (),
+            'companion_chip_select = "PTD0"',
+            "is the part's own chip_select",
+        ),
+        (
+            'part = "lsm9ds1"\ncompanion_address = 0x1D',
+            (),
+            "companion_address = 0x1D",
+            "the further device of lsm9ds1 answers at 0x1e or 0x1c only",
+        ),
+        ('part = "lis3mdl"\ncompanion_address = 0x1E', (), "companion_address = 0x1E", "lis3mdl is one device"),
         (
             'part = "lis3mdl"\ninterrupts = { DRDY = "PTB9" }',
             (),
@@ -238,7 +314,7 @@ def test_mistakes_are_refused_with_their_line(tmp_path: Path, addition: str, cha
 def test_all_devices_of_a_package_are_on_the_bus(tmp_path: Path, name: str, pins: str, addresses: list[int]) -> None:
     part = f'\n[[sensors.parts]]\npart = "{name}"\ninterrupts = {{ {pins} }}\n'
     rig = rig_with(tmp_path, part, ("[world]\n", '[world]\nfitted = ["mag3110"]\n'))
-    assert sorted(device.address for device in build_sensors(rig, build_world(rig), seed=1)["i2c1"]) == addresses
+    assert sorted(device.address for device in parts_on_buses(rig, build_world(rig), seed=1)["i2c1"]) == addresses
     VirtualBench(rig)  # it connects the pins of each device
 
 

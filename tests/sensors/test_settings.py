@@ -101,6 +101,11 @@ def test_bits_that_are_not_modelled_change_no_sample_and_are_named(
     assert Setting(part, row.name, setting.as_modelled).not_modelled == ""
 
 
+def test_the_bits_of_a_function_without_a_model_can_be_fewer_than_all() -> None:
+    assert Setting("FXOS8700CQ", "0x5D", 0xF8).not_modelled == ""
+    assert "self-test of the magnetometer is set" in Setting("FXOS8700CQ", "0x5D", 0x04).not_modelled
+
+
 def test_a_change_is_named_by_the_meaning_of_its_bits() -> None:
     change = Setting("onboard-FXOS8700CQ", "M_CTRL_REG1", 0x03).describe_change(0x1F)
     assert change == "onboard-FXOS8700CQ M_CTRL_REG1 0x03, was 0x1F: oversampling"

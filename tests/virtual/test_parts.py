@@ -306,7 +306,7 @@ def test_an_stm32f411_waits_by_its_own_table_and_has_one_ram_that_never_waits(li
     counts = {
         mhz: cycles(straight, part="stm32f411", clock_hz=mhz * MHZ).call("work").cycles for mhz in (30, 64, 90, 100)
     }
-    # A line of four instructions takes up to four clocks, and the next one is read ahead: the code around it waits alone.
+    # A line of four instructions takes up to four clocks, and the next one is read ahead: only the code around waits.
     assert counts[30] < counts[64] < counts[90] < counts[100] < counts[30] + 40
     for far in (SRAM1 + 0x1000, SRAM2):
         elf = linker.link("ldr.w r4, [r3]\n nop.w\n ldr.w r5, [r3]", far=far)

@@ -162,7 +162,7 @@ def test_only_a_virtual_board_has_a_timing_profile_to_choose(tmp_path: Path) -> 
         (TEXT.replace(MAC, MAC.replace('"TRM', r'"\u001b[2JTRM')), "source: must be one line of printable characters"),
         (TEXT.replace(MAC, MAC.replace('"TRM', r'"TRM\n')), r'printable characters, not "TRM\\n'),
         ("x = " + "[" * 5000, r'not TOML: .*; write base = "cortex-m4-trm/3" below'),
-        ("#" * 70_000, "larger than 65536 bytes; name a timing profile"),
+        ("#" * 70_000, "larger than 65536 bytes, the budget of a timing profile; name a timing profile"),
     ],
 )
 def test_what_is_no_profile_is_refused_with_the_place_and_what_to_do(tmp_path: Path, text: str, complaint: str) -> None:

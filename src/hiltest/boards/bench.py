@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,6 +21,7 @@ from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_parts, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
+from hiltest.virtual.board.described_machine import DescribedMachine
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
 from hiltest.virtual.board.virtual_machine import BoardSnapshot, VirtualMachine
@@ -168,15 +170,19 @@ class VirtualBench:
         self.seed = rig.seed if seed is None else seed
         self._world = build_world(rig)
         self._world.playback = self.playback = load_playback(rig)
-        parts = build_parts(rig, self._world, self.seed, faults_from_s=START_UP_S)
+        self._named = build_parts(rig, self._world, self.seed, faults_from_s=START_UP_S)
+        self._places = rig.parts
+        self._parts: dict[tuple[str, int | str], RegisterDevice | FaultyPart] = {}
         i2c: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
         spi: dict[str, dict[str, RegisterDevice | FaultyPart]] = {"spi0": {}, "spi1": {}, "spi2": {}}
-        places = rig.parts
-        for name, place in places.items():
-            if place.chip_select is None:
-                i2c[place.bus] += [parts[name], *parts[name].companions]
-            else:
-                spi[place.bus][place.chip_select] = parts[name]
+        for name, place in self._places.items():
+            for at, kind, device in zip_longest(place.places, place.kinds, self._devices(name)):
+                # The AK09916 behind an ICM-20948 on an SPI bus has no place of its own.
+                self._parts[place.bus, at or f"{place.chip_select} {kind}"] = device
+                if isinstance(at, int):
+                    i2c[place.bus].append(device)
+                elif at is not None:
+                    spi[place.bus][at] = device
         self.machine = self._make_machine(i2c, spi, base=base, flash_file=flash_file)
         for uart in self.machine.uarts:
             uart.line_baud = rig.link.baud
@@ -184,16 +190,16 @@ class VirtualBench:
         _put_faults_on(self.machine, rig.faults)
         self.machine.seed = self.seed
         self.machine.set_temperature(lambda: self.temperature_degc)
-        self._parts: dict[tuple[str, int | str], RegisterDevice | FaultyPart] = {
-            (bus, part.address): part for bus, on_bus in i2c.items() for part in on_bus
-        }
-        self._parts |= {(bus, pin): part for bus, on_bus in spi.items() for pin, part in on_bus.items()}
-        self._named = parts
-        for name, place in places.items():
-            for device in (parts[name], *parts[name].companions):
+        for name, place in self._places.items():
+            for device in self._devices(name):
                 pins = {pin: wire for pin, wire in place.interrupts.items() if pin in device.pins}
                 if pins:
                     self.machine.connect_interrupts(place.bus, device, pins)
+
+    def _devices(self, name: str) -> tuple[RegisterDevice | FaultyPart, ...]:
+        """Return a part and the further devices in its package."""
+        part = self._named[name]
+        return part, *part.companions
 
     def _make_machine(
         self,
@@ -208,7 +214,7 @@ class VirtualBench:
         if rig.board.machine == "microbit-v1":
             if flash_file is not None:
                 raise ConfigError(f"{flash_file}: the virtual micro:bit stores no flash in a file; omit it")
-            strangers = [name for name, place in rig.parts.items() if place.bus != "i2c0"]
+            strangers = [name for name, place in self._places.items() if place.bus != "i2c0"]
             if strangers:
                 raise ConfigError(
                     f'{rig.path}: {", ".join(strangers)}: the micro:bit has one bus: write bus = "i2c0" in '
@@ -217,6 +223,8 @@ class VirtualBench:
             profile = _timing_profile(rig) if rig.board.timing else None
             image = load_image(self.firmware, base=base, core="cortex-m0")
             return VirtualMicrobit(image, i2c=i2c["i2c0"], profile=profile)
+        if rig.board.machine not in (None, "frdm-k64f"):
+            return self._make_described_machine(base=base, flash_file=flash_file)
         return VirtualK64F(
             load_image(self.firmware, base=base),
             i2c0=i2c["i2c0"],
@@ -229,6 +237,20 @@ class VirtualBench:
             strict=self.firmware == default_firmware(),
             flash_file=flash_file,
         )
+
+    def _make_described_machine(self, *, base: int | None, flash_file: Path | None) -> VirtualMachine:
+        """Make the board of a machine file; the path of a file is relative to the rig's."""
+        rig, name = self.rig, str(self.rig.board.machine)
+        if flash_file is not None:
+            raise ConfigError(f"{flash_file}: the virtual {name} stores no flash in a file; omit it")
+        if rig.parts:
+            raise ConfigError(
+                f"{rig.path}: {', '.join(rig.parts)}: the buses of the virtual {name} have no model; "
+                "write fitted = [] under [world], and no [[sensors.parts]]"
+            )
+        machine = str(rig.path.parent / name) if name.endswith(SUFFIX) else name
+        profile = _timing_profile(rig) if rig.board.timing else None
+        return DescribedMachine(machine, load_image(self.firmware, base=base), profile=profile)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualMachine.snapshot`."""
@@ -352,9 +374,8 @@ class VirtualBench:
     def sensor_settings(self) -> list[PartSettings]:
         """Return the registers of the parts that run, or that they had at their latest sample."""
         settings = []
-        for part_name, place in self.rig.parts.items():
-            part = self._named[part_name]
-            for kind, device in zip(place.kinds, (part, *part.companions), strict=True):
+        for part_name, place in self._places.items():
+            for kind, device in zip(place.kinds, self._devices(part_name), strict=True):
                 if any(row.delivered[0] or math.isfinite(row.next_sample_s(self.time_s)) for row in device.outputs):
                     name = f"{place.prefix}{kind}"
                     settings.append(PartSettings(name, place.number, device.address, device.sampled_settings()))

@@ -123,6 +123,12 @@ class PluggedIn:
     boards: tuple[UsbBoard, ...]
     others: tuple[OtherPort, ...]
 
+    def has_drive_at(self, folder: Path) -> bool:
+        """Return whether the drive of a USB device with a serial port or DAPLink's identity is mounted at a folder."""
+        devices = (*self.boards, *(other.device for other in self.others if other.device))
+        real = os.path.realpath(folder)
+        return any(device.volume is not None and os.path.realpath(device.volume.path) == real for device in devices)
+
 
 def machine_root() -> Path:
     """Return the folder that holds ``sys``, ``proc`` and ``dev``: ``HILTEST_ROOT``, or the root of this machine."""

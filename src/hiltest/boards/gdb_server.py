@@ -6,16 +6,20 @@ import contextlib
 import select
 import socket
 import threading
+import time
 from typing import Self
 
 from hiltest.boards.gdb_session import GdbSession
-from hiltest.boards.served_lines import listen
+from hiltest.boards.served_lines import keep_alive, listen
 from hiltest.virtual.board.debugger import Debugger
 from hiltest.virtual.board.virtual_machine import VirtualMachine
 
 _AT_A_LOOK = 1 << 16
 # Longest time that GDB may block a write before it is disconnected [s], because it holds the board meanwhile.
 _UNREAD_S = 5.0
+_FIRST_BYTES = (b"+", b"-", b"$", b"\x03")  # of a GDB, and of no HTTP and no TLS
+# While the board runs, the thread rests longer than it works, so that a flood costs the board less than a tenth.
+_REST, _LONGEST_REST_S = 19.0, 1.0
 
 
 class GdbServer:
@@ -48,6 +52,7 @@ class GdbServer:
         self._halted, self._wake = socket.socketpair()  # one byte for each halt that GDB did not ask for
         self._wake.setblocking(False)
         self._debugger = Debugger(machine, on_stop=self._notice)
+        self._client = socket.socket()  # of the present GDB, if any
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="hiltest-gdb", daemon=True)
         self._thread.start()
@@ -67,8 +72,10 @@ class GdbServer:
         """Disconnect, let the board run, and stop listening. Idempotent."""
         self._ended = True
         self._notice()
+        with contextlib.suppress(OSError):  # so that a client that does not read its answers holds nothing up
+            self._client.shutdown(socket.SHUT_RDWR)
         self._thread.join()
-        for sock in (self._listener, self._halted, self._wake):
+        for sock in (self._listener, self._halted, self._wake, self._client):
             sock.close()
 
     def _notice(self) -> None:
@@ -88,15 +95,23 @@ class GdbServer:
                 self._serve(caller)
 
     def _serve(self, client: socket.socket) -> None:
-        session = GdbSession(self._machine, self._debugger)
-        try:
-            with client:
-                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                client.settimeout(_UNREAD_S)
+        self._client.close()
+        self._client = client
+        with client:
+            keep_alive(client)
+            client.settimeout(_UNREAD_S)
+            # Nothing is halted, and nothing obeyed, for a client that is no GDB, such as a browser.
+            if client.recv(1, socket.MSG_PEEK) not in _FIRST_BYTES:
+                return
+            session = GdbSession(self._machine, self._debugger)
+            try:
                 while not (self._ended or session.over):
+                    began_s = time.thread_time()
                     self._exchange(client, session)
-        finally:
-            session.close()
+                    if session.awaits_halt:  # the board runs, and needs the processor more than GDB
+                        time.sleep(min(_REST * (time.thread_time() - began_s), _LONGEST_REST_S))
+            finally:
+                session.close()
 
     def _exchange(self, client: socket.socket, session: GdbSession) -> None:
         """Forward the next message of GDB or the processor; `session` ends when GDB disconnects."""
@@ -111,4 +126,5 @@ class GdbServer:
             if not data:
                 session.close()
                 return
-            client.sendall(session.feed(data))
+            for answer in session.answers(data):
+                client.sendall(answer)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from hiltest.boards.gdb_target import memory_description, target_description
+from hiltest.budgets import GDB
 from hiltest.link.gdb_packets import ACKNOWLEDGED, AGAIN, INTERRUPT, LONGEST, PacketReader, packet
 from hiltest.virtual.board.debug_access import DebugAccess
 from hiltest.virtual.board.debugger import Debugger, Stop, StopReason, WatchKind
@@ -40,6 +41,7 @@ class GdbSession:
         self._acknowledges = True
         self._goes = False  # whether GDB waits for a stop
         self._last_reply = b""  # last reply, in case GDB asks for it again
+        self._repeated = 0  # how often GDB has asked for it
         self._points: set[tuple[bytes, int, int]] = set()
         self._handlers: list[tuple[bytes, Callable[[bytes], bytes]]] = [
             (
@@ -97,20 +99,28 @@ class GdbSession:
 
     def feed(self, data: bytes) -> bytes:
         """Handle bytes from GDB; return the bytes to send."""
-        answers = b""
+        return b"".join(self.answers(data))
+
+    def answers(self, data: bytes) -> Iterator[bytes]:
+        """Handle bytes from GDB; yield the bytes to send, those for each packet by themselves.
+
+        A session ends when an answer is asked for again more often than its budget allows.
+        """
         for content in self._reader.feed(data):
             if self.over:
-                break
-            if content == INTERRUPT:
-                answers += self._interrupt()
+                return
+            self._repeated = self._repeated + 1 if content == AGAIN else 0
+            if self._repeated > GDB.items:
+                self.close()
+            elif content == INTERRUPT:
+                yield self._interrupt()
             elif content == AGAIN:
-                answers += self._last_reply
+                yield self._last_reply
             elif content is None:
-                answers += AGAIN if self._acknowledges else b""
+                yield AGAIN if self._acknowledges else b""
             else:
-                answers += ACKNOWLEDGED if self._acknowledges else b""
-                answers += self._say(self._answer(content))
-        return answers
+                yield ACKNOWLEDGED if self._acknowledges else b""
+                yield self._say(self._answer(content))
 
     def stopped(self) -> bytes:
         """Return the bytes to send after a halt; none if the notice comes late and the processor runs again."""

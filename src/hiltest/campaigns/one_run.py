@@ -63,6 +63,14 @@ class RunCommand:
         """Return remarks on the folder of chosen tests, and on flashed firmware."""
         return self._remarks
 
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: Sequence[pytest.Item]) -> None:
+        """Refuse a folder without tests, which would otherwise be judged by the tests of the suites alone."""
+        for argument in config.args[1:]:
+            folder = config.invocation_params.dir / argument
+            if folder.is_dir() and not any(item.path.is_relative_to(folder) for item in items):
+                raise pytest.UsageError(f"the folder {argument} has no tests; leave it out to run only the suites")
+
     # This hook is the last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
     # command before pytest has collected or written anything.
     @pytest.hookimpl(trylast=True)

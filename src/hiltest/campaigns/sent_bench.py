@@ -20,6 +20,7 @@ from pathlib import Path
 
 from hiltest import __version__
 from hiltest.errors import ConfigError
+from hiltest.path_names import path_below
 from hiltest.rig.bench_files import rig_file
 from hiltest.rig.rig_file import load_rig
 from hiltest.run_record.files import RUN_FILE
@@ -68,10 +69,13 @@ class RemoteResult:
         ------
         OSError
             If a file cannot be written.
+        ConfigError
+            If a name leads elsewhere; nothing is written then.
         """
+        remedy = "the worker is not to be trusted: look at its machine"
+        paths = {name: path_below(folder, name, remedy=remedy) for name in sorted(self.files, key=RUN_FILE.__eq__)}
         folder.mkdir(parents=True, exist_ok=True)
-        for name in sorted(self.files, key=RUN_FILE.__eq__):
-            path = folder / name
+        for name, path in paths.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(self.files[name])
 
@@ -185,6 +189,8 @@ def run_there(bench: SentBench, seed: int) -> RemoteResult:
     with tempfile.TemporaryDirectory(prefix="hiltest-") as folder:
         root = os.path.realpath(folder)
         with zipfile.ZipFile(io.BytesIO(bench.files)) as archive:
+            for name in archive.namelist():
+                path_below(Path(root), name, remedy="rename the file of the bench that is sent")
             archive.extractall(root)
         cwd = Path(root + bench.folder)
         cwd.mkdir(parents=True, exist_ok=True)

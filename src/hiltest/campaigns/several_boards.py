@@ -12,6 +12,7 @@ import click
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Measurement, identify, round_significant
+from hiltest.path_names import path_in
 from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
 from hiltest.report.console import standard_output
 from hiltest.report.job_summary import annotation, append_to_job_summary
@@ -69,13 +70,16 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
     Raises
     ------
     ConfigError
-        If two rigs share a name or a port, or one is turned by an operator, or one cannot be read; no run starts then.
+        If two rigs share a name or a port, a name leads to another folder, an operator turns a rig, or one cannot be
+        read; no run starts then.
     """
     benches = {_NO_FOLDER.sub("-", rig.name): rig for rig in (load_rig(rig_file(Path.cwd(), name)) for name in rigs)}
     if len(benches) < len(rigs):
         raise ConfigError(
             f"two of {join_words([*rigs], _NAMED_AT_MOST)} have the same name: give each board's rig its own name"
         )
+    for rig in benches.values():
+        path_in(out, rig.name, remedy=f"give {rig.path} another name")
     _check_apart(benches)
     files = {name: str(rig.path) for name, rig in benches.items()}
     for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # an earlier verdict must not pass for this one's

@@ -29,7 +29,6 @@ Exit codes:
   20  connection lost; earlier packets are printed and written
 """
 # Half a day at the line's 11.5 kB/s.
-_LARGEST_BYTES = 512 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +109,12 @@ def decode(source: str, csv_file: Path | None, seconds: float | None, baud: int)
 
 
 def _read(source: str, csv_file: Path | None) -> StreamSummary:
+    from hiltest.budgets import PACKETS
     from hiltest.interfaces.packet_stream import batches
     from hiltest.interfaces.packet_summary import summary_of
     from hiltest.json_files import read_bounded
 
-    data = read_bounded(Path(source), largest_bytes=_LARGEST_BYTES, otherwise="name a recording of packets")
+    data = read_bounded(Path(source), PACKETS, otherwise="name a recording of packets")
     summary, release = summary_of(data)
     if csv_file is not None:
         _write(csv_file, summary.kinds, batches(data, release))

@@ -58,9 +58,10 @@ class Flashed:
 @click.option(
     "--probe", type=click.Choice(["pyocd"]), help="Write with a debug probe instead of the drive; needs hiltest[bench]."
 )
+@click.option("--force", is_flag=True, help="Write to the folder of --volume even if it is not a USB drive.")
 @click.argument("elf", required=False, callback=parsed(file_name))
 def flash(
-    elf: str | None, rig: str | None, port: str | None, volume: Path | None, probe: str | None
+    elf: str | None, rig: str | None, port: str | None, volume: Path | None, probe: str | None, force: bool
 ) -> tuple[int, Flashed]:
     """Write firmware to an FRDM-K64F and check that it runs.
 
@@ -82,7 +83,7 @@ def flash(
     target = find_target(rig=described, port=port, volume=volume, by_probe=bool(probe))
     line = ProgressLine(ErrorOutput(), shown=sys.stderr.isatty(), say=lambda text: click.echo(text, err=True))
     try:
-        done = put_on(image, target, by_probe=bool(probe), progress=line)
+        done = put_on(image, target, by_probe=bool(probe), is_forced=force, progress=line)
     finally:
         line.clear()
     click.echo(done.sentence(image, target))

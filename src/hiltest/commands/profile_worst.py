@@ -116,6 +116,7 @@ def profile_worst(
     """
     from hiltest.boards import default_firmware
     from hiltest.commands.options import asked_to_end
+    from hiltest.path_names import path_in
     from hiltest.run_record.files import write_asked_for
     from hiltest.studies.worst_case.search import Budget
     from hiltest.studies.worst_case.worst_input import to_json
@@ -129,7 +130,8 @@ def profile_worst(
         raise click.UsageError("name a FUNCTION, or --replay FILE")
     if seconds is not None and calls is not None:
         raise click.UsageError("--seconds and --calls exclude each other: leave one of them out")
-    file = out or Path(DEFAULT_OUT) / f"worst-{function}.json"
+    name = f"worst-{function}.json"
+    file = out or path_in(Path(DEFAULT_OUT), name, remedy="name the file with --out")
     problem = _problem(elf, function, arguments, points, returns)
     if out is None:
         make_folder(file.parent)

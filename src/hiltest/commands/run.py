@@ -26,6 +26,9 @@ from hiltest.commands.options import (
 from hiltest.errors import ConfigError
 from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name
 
+_FIRMWARE_SUFFIXES = (".elf", ".axf", ".out", ".hex", ".bin")
+_ELF = b"\x7fELF"
+
 
 class _Run(click.Command):
     """Command whose error about an unknown option explains how to pass pytest's options."""
@@ -78,12 +81,12 @@ class _Run(click.Command):
 @setting_option("replay")
 @json_option("hiltest.run/1, with --seeds hiltest.seeds/1, with several rigs hiltest.boards/1")
 @click.option("-v", "--verbose", is_flag=True, help="Print every test and every measurement.")
-@click.argument("pytest_args", nargs=-1, type=click.UNPROCESSED)
+@click.argument("pytest_args", metavar="[ELF] [PYTEST_ARGS]...", nargs=-1, type=click.UNPROCESSED)
 def run(*, as_json: bool, **arguments: Any) -> int:
     """Run the suites and print a verdict.
 
-    The suites are those in hil/suites of this folder, or the packaged ones if there are none. Arguments
-    after -- go to pytest: hiltest run -- -k heading
+    The suites are those in hil/suites of this folder, or the packaged ones if there are none. ELF is the same as
+    --firmware ELF. Arguments after -- go to pytest: hiltest run -- -k heading
     """
     if not as_json:
         return _run(**arguments)[0]
@@ -120,6 +123,10 @@ def _run(
     from hiltest.session.record_folder import sole_command
 
     check_environment()
+    if pytest_args and _is_firmware(pytest_args[0]):
+        if arguments["firmware"] is not None:
+            raise ConfigError(f"two firmwares: --firmware {arguments['firmware']} and {pytest_args[0]}; leave one out")
+        arguments["firmware"], *pytest_args = Path(pytest_args[0]), *pytest_args[1:]
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None
     own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = own["baseline"] or base_of_environment()
@@ -175,6 +182,17 @@ def _run(
         return code, out / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), out / OLDER_FOLDER)
     return run_suites([*options, *pytest_options(own)], out, older=older, flashes=flash)
+
+
+def _is_firmware(argument: str) -> bool:
+    """Return whether an argument is the name of a firmware file, rather than one for pytest."""
+    if Path(argument).suffix.lower() in _FIRMWARE_SUFFIXES:
+        return True
+    try:
+        with open(argument, "rb") as file:
+            return file.read(len(_ELF)) == _ELF
+    except OSError:
+        return False
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:

@@ -9,10 +9,14 @@ from operator import xor
 
 import regex
 
+from hiltest.budgets import PATTERN
+
 # NMEA 0183 allows 82; a line of JSON with every quantity has some 600.
 LONGEST_LINE = 1024
 # NMEA 0183, proprietary sentences too: $PFEC,...*hh.
 _WITH_CHECK_SUM = re.compile(r"\s*\$(?P<checked>[^$*]*)\*(?P<sum>[0-9A-Fa-f]{2})\s*")
+# One item of a pattern: an escape, a class, a counted repetition, or a character.
+_TOKEN = re.compile(r"\\.|\[\^?\]?(?:\\.|[^\]\\])*+\]|\{(?P<fewest>\d*+)(?:,(?P<most>\d*+))?\}|.", re.DOTALL)
 _LINE_END = re.compile(rb"[\r\n]")
 # A sensible search takes microseconds; the margin is for a busy host.
 _LONGEST_SEARCH_S = 1.0
@@ -67,13 +71,36 @@ def is_intact(line: str) -> bool | None:
     return reduce(xor, match["checked"].encode(), 0) == int(match["sum"], 16)
 
 
+def written_out_size(pattern: str) -> int:
+    r"""Return the number of characters of a pattern whose counted repetitions are written out, as its compiler does.
+
+    Examples
+    --------
+    >>> written_out_size("a{3}"), written_out_size(r"(?:[ab]\{2}x){2,10}c"), written_out_size("(a{10}){10}")
+    (3, 121, 110)
+    """
+    sizes, last = [0], 0  # of each open group, and of the last item
+    for token in _TOKEN.finditer(pattern):
+        counts = [int(count) for count in token.group("fewest", "most") if count]
+        if counts and last:
+            sizes[-1] += last * (max(counts) - 1)
+            last *= max(counts)
+            continue
+        if token[0] == "(":
+            sizes.append(0)
+            continue
+        last = sizes.pop() + 1 if token[0] == ")" and len(sizes) > 1 else len(token[0])
+        sizes[-1] += last
+    return sum(sizes)
+
+
 class Pattern:
     """A regular expression that is disabled once a search has taken too long.
 
     Raises
     ------
     ValueError
-        When the text is not a regular expression.
+        When the text is over its budget, or not a regular expression.
 
     Attributes
     ----------
@@ -86,6 +113,7 @@ class Pattern:
 
     def __init__(self, text: str) -> None:
         self.text = text
+        PATTERN.check(size=len(text.encode("utf-8", errors="replace")), items=written_out_size(text))
         try:
             self._compiled = regex.compile(text)
         except (regex.error, OverflowError, RecursionError) as error:

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from hiltest.budgets import SOURCE
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
 from hiltest.judge.answers import Answer, Entry
@@ -25,7 +26,6 @@ from hiltest.judge.worlds import RIG, World
 
 _PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
 _ELF_MAGIC, _ARM = b"\x7fELF", 40
-_LARGEST_BYTES = 64 << 20
 _OTHERWISE = "name a source, a library or an ELF"
 
 
@@ -74,7 +74,7 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
             yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
             return
         file = Path(named)
-        content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+        content = read_bounded(file, SOURCE, otherwise=_OTHERWISE)
         if file.suffix == ".py":
             raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
         if is_source(file):
@@ -96,7 +96,7 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
 def open_foreign(named: str, table: ReadTable, part: str | None = None) -> Iterator[Any]:
     """Open the calibrator (`Entry`) or filter (`JudgedFilter`) of a table; the errors are those of `open_entry`."""
     (read, source), file, built_by = table, Path(named), ""
-    content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    content = read_bounded(file, SOURCE, otherwise=_OTHERWISE)
     with ExitStack() as stack:
         if is_source(file):
             for name in read.functions:
@@ -143,7 +143,7 @@ def _python_takes_pairs(file: Path, name: str) -> bool:
 
 def _python_definition(file: Path, name: str, kind: type[ast.FunctionDef | ast.ClassDef]) -> ast.stmt | None:
     """Return a definition of a Python file; None if it has none of this kind and name."""
-    content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a Python file")
+    content = read_bounded(file, SOURCE, otherwise="name a Python file")
     try:
         tree = ast.parse(content, str(file))
     except (SyntaxError, ValueError) as error:
@@ -162,7 +162,7 @@ def is_filter(named: str, function: str | None) -> bool:
         return _python_definition(Path(python["file"]), python["function"], ast.ClassDef) is not None
     if function is not None:
         return False
-    content = read_bounded(Path(named), largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    content = read_bounded(Path(named), SOURCE, otherwise=_OTHERWISE)
     return UPDATE.encode() in content and CALIBRATE.encode() not in content
 
 
@@ -174,7 +174,7 @@ def open_filter(named: str) -> Iterator[JudgedFilter]:
             yield stack.enter_context(HostFilter(named, Path(python["file"]), python["function"]))
             return
         file = Path(named)
-        content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+        content = read_bounded(file, SOURCE, otherwise=_OTHERWISE)
         if is_source(file):
             functions = [name for name in (UPDATE, INIT, QUATERNION, HEADING) if name.encode() in content]
             build = build_image(file, functions, Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-"))))

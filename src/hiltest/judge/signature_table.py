@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias
 
+from hiltest.budgets import SIGNATURE
 from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.json_files import read_bounded
 from hiltest.measurement.units import conversion, unit_words
 from hiltest.rig.rig_file import TomlSource, read_toml
 from hiltest.rig.toml_tables import STRICT, Axes, RigValueError, axes_matrix, check_axes, require
 
-_LARGEST_BYTES = 1 << 16
 _CALL = re.compile(r"\s*([\w$.:]+)\s*\(([^()]*)\)\s*;?\s*", re.ASCII)
 _ARGUMENT = re.compile(r"(&\s*)?([A-Za-z_]\w*)\s*(?:\[\s*(\d{1,7})\s*\])?", re.ASCII)
 # x forward, y left, z up; the earth is north, west, up.
@@ -240,7 +240,7 @@ def read_signature_table(file: Path) -> ReadTable:
     ConfigError
         If it cannot be read, or has a mistake; with line, key and the next step.
     """
-    content = read_bounded(file, largest_bytes=_LARGEST_BYTES, otherwise="name a table (TOML) as docs/judge.md has it")
-    data, source = read_toml(file, content, "a signature")
+    content = read_bounded(file, SIGNATURE, otherwise="name a table (TOML) as docs/judge.md has it")
+    data, source = read_toml(file, content, SIGNATURE)
     table: SignatureTable = source.validate(data, SignatureTable)
     return table, source

@@ -17,23 +17,25 @@ import json
 import math
 import zlib
 from collections import deque
-from collections.abc import Iterator, Mapping, MutableSequence
+from collections.abc import Callable, Iterator, Mapping, MutableSequence
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Self
 
+from hiltest.budgets import LINE, RECORDING, BudgetError, count_separators
 from hiltest.errors import ConfigError
-from hiltest.json_files import parse_json, read_bounded
+from hiltest.json_files import parse_json, read_pieces
 
 SCHEMA = "hiltest.transcript/1"
 END = "end"
 """Text of the mark at the end of a recorded run's transcript."""
 
-_LARGEST_BYTES = 256 << 20  # two bytes of text per byte of the line: three hours at 115 200 baud, without a pause
+_OTHERWISE = "name a recording (JSON lines)"
 _FIRST_LINE = 2  # line of the first entry, after the header
 _GZIP = b"\x1f\x8b"
+_UNPACKED_BYTES = 1 << 20  # that are in memory at once
 _ENTRY_BYTES = 8  # bytes that an entry's time counts towards the limit, so that single-byte entries are bounded too
 
 
@@ -111,21 +113,24 @@ class Transcript:
         ConfigError
             When the file is not a transcript; the message has file, line and reason.
         """
-        content = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a recording (JSON lines)")
+        for _ in _texts(path):  # refuse a file over its budget before any of it becomes an object
+            pass
+        digest = sha256()
+        lines = (line for text in _texts(path, digest.update) for line in text.splitlines())
         try:
-            lines = _text(content, path).decode("utf-8").splitlines()
-            header = parse_json(lines[0]) if lines else {}
+            header = parse_json(next(lines, b"{}"), LINE)
             if header.get("schema") != SCHEMA:
                 raise ConfigError(f"{path}:1: schema is {header.get('schema')!r}, not {SCHEMA!r}")
             transcript = cls(str(header["clock"]))
-            transcript.recorded, transcript.sha256 = header.get("recorded"), sha256(content).hexdigest()
+            transcript.recorded = header.get("recorded")
         except (ValueError, AttributeError, KeyError) as error:
             raise ConfigError(f"{path}:1: no transcript header: {error}") from None
-        for number, line in enumerate(lines[1:], _FIRST_LINE):
+        for number, line in enumerate(lines, _FIRST_LINE):
             try:
-                transcript.entries.append(_entry(parse_json(line)))
+                transcript.entries.append(_entry(parse_json(line, LINE)))
             except (ValueError, AttributeError, KeyError, TypeError) as error:
                 raise ConfigError(f"{path}:{number}: not an entry: {error}") from None
+        transcript.sha256 = digest.hexdigest()
         return transcript
 
 
@@ -231,18 +236,33 @@ class TranscriptFile:
         return ConfigError(f"cannot write {self._path}: {error.strerror or error}; name another file")
 
 
-def _text(content: bytes, path: Path) -> bytes:
-    """Return the uncompressed content of a file; of a truncated one, as after SIGKILL, the intact part."""
-    if not content.startswith(_GZIP):
-        return content
-    unzip = zlib.decompressobj(wbits=31)
-    try:
-        text = unzip.decompress(content, _LARGEST_BYTES)
-    except zlib.error as error:
-        raise ConfigError(f"{path}: damaged: {error}; name a recording (JSON lines)") from error
-    if unzip.unconsumed_tail:
-        raise ConfigError(f"{path}: larger than {_LARGEST_BYTES} bytes; name a recording (JSON lines)")
-    return text if unzip.eof else text[: text.rfind(b"\n") + 1]
+def _texts(path: Path, take: Callable[[bytes], object] = bytes) -> Iterator[bytes]:
+    """Yield the uncompressed lines of a file, many at once; of a truncated one, as after SIGKILL, the intact ones.
+
+    `take` is called with the bytes of the file.
+    """
+    unzip, rest, size, items = None, b"", 0, 0
+    for number, piece in enumerate(read_pieces(path, RECORDING, otherwise=_OTHERWISE)):
+        take(piece)
+        if number == 0 and piece.startswith(_GZIP):
+            unzip = zlib.decompressobj(wbits=31)
+        while piece:
+            try:
+                text = piece if unzip is None else unzip.decompress(piece, _UNPACKED_BYTES)
+                size, items = size + len(text), items + count_separators(text)
+                RECORDING.check(size=size, items=items)
+                LINE.check(size=len(rest))
+            except BudgetError as error:
+                raise ConfigError(f"{path}: {error}; {_OTHERWISE}") from error
+            except zlib.error as error:
+                raise ConfigError(f"{path}: damaged: {error}; {_OTHERWISE}") from error
+            piece = b"" if unzip is None else unzip.unconsumed_tail
+            text = rest + text
+            end = text.rfind(b"\n") + 1
+            rest = text[end:]
+            yield text[:end]
+    if unzip is None or unzip.eof:
+        yield rest
 
 
 def _line(entry: TranscriptEntry) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.budgets import INTERVALS
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_json
 from hiltest.log_fitting.imu_log import ImuLog
@@ -35,7 +36,6 @@ _ROUNDING = 1e-4
 _TURNING = 5.0
 # Words in the names of annotated turns.
 _TURN_WORDS = ("rot", "turn")
-_LARGEST_LIST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def listed_intervals(log: ImuLog, path: Path) -> Intervals:
     ConfigError
         When the file is invalid, or a sample is not in the log.
     """
-    parsed = read_json(path, largest_bytes=_LARGEST_LIST_BYTES, otherwise="name a list of intervals (JSON)").content
+    parsed = read_json(path, budget=INTERVALS, otherwise="name a list of intervals (JSON)").content
     if not isinstance(parsed, dict) or not parsed:
         raise ConfigError(f'{path}: no list of intervals; write {{"x_up": {{"start": 540, "end": 1271}}, ...}}')
     return _name_intervals([_interval_entry(log, path, name, entry) for name, entry in parsed.items()])

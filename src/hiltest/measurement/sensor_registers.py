@@ -124,7 +124,10 @@ def _read_registers(table: dict[str, Any]) -> Iterator[tuple[int, Register]]:
     groups = [
         (Bits("user offset", _ALL_BITS), first, last) for first, last in zip(offsets[::2], offsets[1::2], strict=True)
     ]
-    groups += [(Bits(meaning, _ALL_BITS, 0), *ends) for meaning, ends in table.get("functions", {}).items()]
+    groups += [
+        (Bits(meaning, mask[0] if mask else _ALL_BITS, 0), first, last)
+        for meaning, (first, last, *mask) in table.get("functions", {}).items()
+    ]
     for bits, first, last in groups:
         for address in range(first, last + 1):
             yield address, Register(f"0x{address:02X}", (bits,), is_setting=False)

@@ -13,13 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.budgets import MOTION, BudgetError
 from hiltest.errors import ConfigError
 
 Reals = NDArray[np.float64]
 
 STANDARD_GRAVITY_M_S2 = 9.80665
-# An hour at 1 kHz.
-_LARGEST_COUNT = 3_600_000
 _LOWEST_HZ, _HIGHEST_HZ = 1.0, 100_000.0
 # Quaternions of a float32 recording have a norm of 1 within this.
 _NORM_TOLERANCE = 1e-3
@@ -106,14 +105,18 @@ def read_motion_recording(path: str | PathLike[str]) -> MotionRecording:
     """
     name = Path(path).name
     try:
-        if not stat.S_ISREG(Path(path).stat().st_mode):  # a device or a pipe may never end
+        status = Path(path).stat()
+        if not stat.S_ISREG(status.st_mode):  # a device or a pipe may never end
             raise ConfigError(f"{name}: not a regular file; name a NumPy archive (.npz)")
+        MOTION.check(size=status.st_size)
         with zipfile.ZipFile(path) as archive:
             rate_hz = float(_read_array(archive, name, "sampling_rate_hz", (), "f"))
             arrays: dict[str, NDArray[np.generic]] = {}
             for member, columns in _COLUMNS.items():
                 shape = (-1, columns) if columns else (-1,)
                 arrays[member] = _read_array(archive, name, member, shape, "f" if columns else "b")
+    except BudgetError as error:
+        raise ConfigError(f"{name}: {error}; cut the recording") from error
     except (OSError, EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise ConfigError(f"{name}: not a readable NumPy archive ({error})") from error
     return _checked(name, rate_hz, arrays)
@@ -142,8 +145,8 @@ def _read_array(
                 f"{name}: {member} has shape {actual} and type {dtype}; expected rows of shape {expected} and "
                 f"{'floating-point numbers' if kind == 'f' else 'truth values'}"
             )
-        if actual and not 1 <= actual[0] <= _LARGEST_COUNT:
-            raise ConfigError(f"{name}: {member} has {actual[0]} rows; expected 1 to {_LARGEST_COUNT}")
+        if actual and not 1 <= actual[0] <= MOTION.items:
+            raise ConfigError(f"{name}: {member} has {actual[0]} rows; expected 1 to {MOTION.items}")
         size = math.prod(actual) * dtype.itemsize
         data = stream.read(size + 1)
     if len(data) != size:

@@ -7,6 +7,7 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 
 DEFAULT_RIG = "virtual-k64f.toml"
+_REAL_RIG = "frdm-k64f.toml"
 
 _PACKAGE = Path(__file__).parents[1]
 # The wheel carries the copy as hiltest/bench; an editable checkout has only the repository's hil/.
@@ -38,7 +39,7 @@ def has_own_rig(start: Path) -> bool:
     return (start / "hil" / "rigs" / DEFAULT_RIG).is_file()
 
 
-def rig_file(start: Path, named: str | None) -> Path:
+def rig_file(start: Path, named: str | None, *, port: str | None = None) -> Path:
     """Return the rig file for a name.
 
     Parameters
@@ -47,6 +48,8 @@ def rig_file(start: Path, named: str | None) -> Path:
         Folder that relative names and ``hil/rigs`` are looked up in.
     named
         A path, or the bare name of a rig in ``hil/rigs``; None for the default rig.
+    port
+        Port of the board; if it is a real board's, the default rig is ``frdm-k64f``.
 
     Raises
     ------
@@ -54,8 +57,9 @@ def rig_file(start: Path, named: str | None) -> Path:
         If the file does not exist; the message lists the existing rigs.
     """
     folders = [start / "hil" / "rigs", shipped() / "rigs"]
+    default = DEFAULT_RIG if port is None or port.startswith("hil://") else _REAL_RIG
     if named is None:
-        candidates = [folder / DEFAULT_RIG for folder in folders]
+        candidates = [folder / default for folder in folders]
     else:
         bare = Path(named).name == named
         candidates = [start / named] + [folder / f"{Path(named).stem}.toml" for folder in folders if bare]
@@ -63,4 +67,4 @@ def rig_file(start: Path, named: str | None) -> Path:
         if candidate.exists() and not candidate.is_dir():
             return candidate
     rigs = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
-    raise ConfigError(f"no rig file {named or DEFAULT_RIG!r}; rigs here: {', '.join(rigs) or 'none'}")
+    raise ConfigError(f"no rig file {named or default!r}; rigs here: {', '.join(rigs) or 'none'}")

@@ -6,7 +6,7 @@ Importing this module is cheap: the models are imported when a rig names one of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from hiltest.rig.world import SimulatedWorld
     from hiltest.world import World
     from hiltest.world.sensors import AccelerometerErrors, Drift, Fxos8700cq, RegisterDevice, TableSensor
+    from hiltest.world.sensors.register_table import RegisterTable
 
 _NONE: Triple = (0.0, 0.0, 0.0)
 
@@ -54,7 +55,8 @@ class Part:
     pins: tuple[str, ...] = ("INT1", "INT2")
     """Interrupt pins that the part has."""
     companion_addresses: tuple[int, ...] = ()
-    """7-bit addresses of the further devices in its package."""
+    companion_chip_selects: tuple[str, ...] = ()
+    """7-bit addresses of the further devices in its package, and their pins on an SPI bus."""
     axes: Axes | None = None
     """Axes of the part along x, y and z of the board, if a rig may change them."""
 
@@ -62,6 +64,13 @@ class Part:
     def number(self) -> int:
         """Number of the bus among those of its kind."""
         return int(self.bus[-1])
+
+    @property
+    def places(self) -> tuple[int | str, ...]:
+        """Address or chip select of the part and of each further device that is on the bus, too."""
+        if self.chip_select is None:
+            return self.address, *self.companion_addresses
+        return self.chip_select, *self.companion_chip_selects
 
 
 def _mag3110(world: World, truth: SimulatedWorld, seed: int, part: Part) -> RegisterDevice:
@@ -201,25 +210,22 @@ def fitted_parts(truth: SimulatedWorld, entries: tuple[SensorPart, ...] | None) 
 
 def _refuse_shared_places(parts: Mapping[str, Part], entries: tuple[SensorPart, ...]) -> None:
     places: dict[tuple[str, int | str], str] = {}
-    devices = [(name, at) for name, part in parts.items() for at in (part.address, *part.companion_addresses)]
-    for name, address in devices:
+    for name, place in [(name, place) for name, part in parts.items() for place in part.places]:
         part = parts[name]
-        place = part.bus, part.chip_select or address
-        other = places.setdefault(place, name)
+        other = places.setdefault((part.bus, place), name)
         if other == name:
             continue
         index = max(index for index, entry in enumerate(entries) if (entry.name or entry.part) in (name, other))
-        at = f"chip select {part.chip_select}" if part.chip_select else f"address 0x{address:02x}"
-        key = "chip_select" if part.chip_select else "address"
-        is_fixed = address in (*part.companion_addresses, *parts[other].companion_addresses)
-        remedy = "use another bus" if is_fixed else "change one"
+        at = f"chip select {place}" if isinstance(place, str) else f"address 0x{place:02x}"
+        key = "chip_select" if isinstance(place, str) else "address"
+        remedy = "use another pin" if isinstance(place, str) else "use another address, if one of them has it, or bus"
         if shield := {name, other} - {entry.name or entry.part for entry in entries}:
             remedy += f", or leave {shield.pop()} out of world.fitted"
         message = f"{name} and {other} have the same {at} on {part.bus}: {remedy}"
         require(False, f"sensors.parts.{index}.{key}", message)
     wired: dict[str, str] = {}
     for name, part in parts.items():
-        for pin in (*part.interrupts.values(), *([part.chip_select] if part.chip_select else [])):
+        for pin in (*part.interrupts.values(), *(place for place in part.places if isinstance(place, str))):
             other = wired.setdefault(pin, name)
             index = max(
                 (k for k, entry in enumerate(entries) if (entry.name or entry.part) in (name, other)), default=0
@@ -237,6 +243,7 @@ def _described(entry: SensorPart, key: str) -> Part:
             part, strangers = replace(part, axes=entry.axes), [name for name in strangers if name != "axes"]
         require(not strangers, f"{key}.{(*strangers, '')[0]}", f"is a key of [world] for {entry.part}")
         require(entry.chip_select is None, f"{key}.bus", f"{entry.part} has a model for I2C only")
+        require(entry.companion_address is None, f"{key}.companion_address", f"{entry.part} is one device")
         return replace(
             part,
             bus=entry.bus,
@@ -248,8 +255,6 @@ def _described(entry: SensorPart, key: str) -> Part:
     model = load_model(entry.part, f"{key}.part")
     table = model.table
     addresses = table.addresses
-    has_one = entry.chip_select is None or not model.companion_models
-    require(has_one, f"{key}.bus", f"{entry.part} has several devices in one package: use an I2C bus")
     require(entry.chip_select is None or table.has_spi, f"{key}.bus", f"{entry.part} has I2C only")
     kinds = {row.quantity.key for row in model.every_output()}
     strangers = [
@@ -262,6 +267,8 @@ def _described(entry: SensorPart, key: str) -> Part:
         f"{key}.address",
         f"{entry.part} answers at {' or '.join(f'0x{address:02x}' for address in addresses)} only",
     )
+    companions = [device.table for device in model.companion_models]
+    _check_companions(entry, key, companions)
     return Part(
         entry.bus,
         (addresses or (0,))[0] if entry.address is None else entry.address,
@@ -275,7 +282,28 @@ def _described(entry: SensorPart, key: str) -> Part:
         f"{entry.name}-" if entry.name else "",
         entry.chip_select,
         model.every_pin(),
-        tuple(device.table.addresses[0] for device in model.companion_models),
+        tuple(entry.companion_address or companion.addresses[0] for companion in companions),
+        (entry.companion_chip_select,) if entry.companion_chip_select else (),
+    )
+
+
+def _check_companions(entry: SensorPart, key: str, companions: Sequence[RegisterTable]) -> None:
+    """Refuse a place that the further devices of a package do not have."""
+    addresses = [address for companion in companions for address in companion.addresses]
+    require(
+        entry.companion_address is None or entry.companion_address in addresses,
+        f"{key}.companion_address",
+        f"the further device of {entry.part} answers at {' or '.join(f'0x{address:02x}' for address in addresses)} only"
+        if addresses
+        else f"{entry.part} is one device",
+    )
+    on_spi = [companion.part for companion in companions if companion.has_spi and entry.chip_select is not None]
+    require(
+        bool(on_spi) == (entry.companion_chip_select is not None),
+        f"{key}.companion_chip_select",
+        f"name the chip select of the {on_spi[0]} in this package"
+        if on_spi
+        else f"{entry.part} has no further device on an SPI bus",
     )
 
 
@@ -336,6 +364,7 @@ def _make_model(
             if drifts
             else None,
             {quantity: rms for quantity, rms in noise.items() if rms is not None},
+            entry.companion_address,
         )
     )
 

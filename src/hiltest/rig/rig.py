@@ -366,16 +366,6 @@ def build_world(rig: Rig) -> World:
     )
 
 
-def build_sensors(
-    rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
-) -> dict[str, list[RegisterDevice | FaultyPart]]:
-    """Create the parts of a virtual board as in `build_parts`, and return them by bus."""
-    buses: dict[str, list[RegisterDevice | FaultyPart]] = {"i2c0": [], "i2c1": []}
-    for name, device in build_parts(rig, world, seed, faults_from_s=faults_from_s).items():
-        buses.setdefault(rig.parts[name].bus, []).extend((device, *device.companions))
-    return buses
-
-
 def build_parts(
     rig: Rig, world: World, seed: int, *, faults_from_s: float = 0.0
 ) -> dict[str, RegisterDevice | FaultyPart]:
@@ -462,4 +452,4 @@ def _drop_none(content: Any) -> Any:
     """Remove keys without a value, so that a key of a later version does not change digests."""
     if isinstance(content, dict):
         return {key: _drop_none(value) for key, value in content.items() if value is not None}
-    return content
+    return [_drop_none(row) for row in content] if isinstance(content, tuple) else content

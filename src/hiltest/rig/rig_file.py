@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
@@ -19,8 +18,9 @@ from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from hiltest.budgets import RIG, Budget, BudgetError
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.json_files import adapter, read_bounded, shown
+from hiltest.json_files import adapter, parse_toml, read_bounded, shown
 from hiltest.measurement import Limit, Section, Tolerance, identify, is_direction, nearest_name
 from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
@@ -32,7 +32,6 @@ from hiltest.rig.toml_tables import STRICT, RigValueError
 _MADE_HERE = frozenset({"path", "sha256", "units", "full_only", "lines"})
 # Suffixes that pydantic adds to a key of a union type, which are not part of the key.
 _ALTERNATIVE = re.compile(r"str|tuple\[.*\]")
-_LARGEST_BYTES = 1 << 20  # a hundred times the largest rig that ships
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,24 +66,25 @@ def load_rig(path: Path | str) -> Rig:
         If the file cannot be read, a value is invalid, or a limit is tighter than the uncertainty of its reference.
     """
     path = Path(path)
-    return parse_rig(path, read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name a rig (TOML)"))
+    return parse_rig(path, read_bounded(path, RIG, otherwise="name a rig (TOML)"))
 
 
-def read_toml(path: Path, content: bytes, title: str = "a rig") -> tuple[dict[str, Any], TomlSource]:
+def read_toml(path: Path, content: bytes, budget: Budget = RIG) -> tuple[dict[str, Any], TomlSource]:
     """Return the data of a TOML file, and its text, which locates keys.
 
     Raises
     ------
     ConfigError
-        If it is not TOML.
+        If it is over its budget, or not TOML.
     """
     try:
-        text = content.decode("utf-8")
-        return tomllib.loads(text), TomlSource(path, text)
+        return parse_toml(content, budget), TomlSource(path, content.decode("utf-8"))
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; {title} must be a TOML file") from error
-    except (ValueError, RecursionError) as error:  # ValueError also for an integer of thousands of digits
-        raise ConfigError(_not_toml(path, text, str(error))) from error
+        raise ConfigError(f"{path}: not UTF-8 text at byte {error.start}; {budget.name} must be a TOML file") from error
+    except BudgetError as error:
+        raise ConfigError(f"{path}: {error}; write a shorter one") from error
+    except ValueError as error:  # also for an integer of thousands of digits
+        raise ConfigError(_not_toml(path, content.decode("utf-8"), str(error))) from error
 
 
 def parse_rig(path: Path, content: bytes) -> Rig:
@@ -280,8 +280,9 @@ def _known_keys(model: Any, place: tuple[str, ...]) -> list[str]:
     return [field.name for field in fields(model) if field.name not in _MADE_HERE] if is_dataclass(model) else []
 
 
-_HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
-_ARRAY_HEADER = re.compile(r"\s*\[\[\s*([^\[\]]+?)\s*\]\]\s*(#.*)?$")
+# Without a second place for blanks, which would take the square of their number.
+_HEADER = re.compile(r"\s*\[([^\[\]]+)\]\s*(#.*)?$")
+_ARRAY_HEADER = re.compile(r"\s*\[\[([^\[\]]+)\]\]\s*(#.*)?$")
 _ONE_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
 _KEY = re.compile(_ONE_KEY)
 _ASSIGNMENT = re.compile(rf"\s*({_ONE_KEY}(?:\s*\.\s*{_ONE_KEY})*)\s*=")
@@ -300,7 +301,7 @@ def _keys_by_line(text: str) -> Iterator[tuple[tuple[str, ...], int]]:
             yield table, number
         elif header := _HEADER.match(line):
             table = _split_key(header[1])
-            array = next((path for path in arrays if table[: len(path)] == path and path != table), None)
+            array = next((table[:depth] for depth in range(1, len(table)) if table[:depth] in arrays), None)
             if array is not None:
                 table = (*array, str(arrays[array] - 1), *table[len(array) :])
             yield table, number

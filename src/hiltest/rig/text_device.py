@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from dataclasses import field as dataclass_field
 from typing import Any, ClassVar, Literal
 
+from hiltest.budgets import PATTERNS, BudgetError
 from hiltest.rig.toml_tables import STRICT, require
 
 #: Units whose size is defined by the scale.
@@ -88,6 +89,10 @@ class TextDevice:
         is_csv = self.format == "csv"
         of_lines = self.format == "lines"
         require(of_lines == bool(self.patterns), "patterns", 'require format = "lines"')
+        try:
+            PATTERNS.check(items=len(self.patterns), size=sum(map(len, self.patterns)))
+        except BudgetError as error:
+            require(False, "patterns", f"are {error}")
         require(is_csv or not self.columns, "columns", 'belong to format = "csv"')
         require(is_csv or self.separator == ",", "separator", 'belongs to format = "csv"')
         require(len(self.separator) == 1, "separator", "must be one character")

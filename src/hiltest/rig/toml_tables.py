@@ -30,8 +30,10 @@ _LONGEST_RUN_S = 1e6
 _NUMBER = "([0-9]|[12][0-9]|3[01])"
 _PINS: dict[str | None, tuple[str, str]] = {
     None: (f"PT[A-E]{_NUMBER}", "PTA0 to PTE31"),
+    "frdm-k64f": (f"PT[A-E]{_NUMBER}", "PTA0 to PTE31"),
     "microbit-v1": (rf"P0\.{_NUMBER}", "P0.0 to P0.31"),
 }
+_OTHER_PINS = r"P[A-K]([0-9]|1[0-5])", "PA0 to PK15"
 
 
 class RigValueError(ValueError):
@@ -80,8 +82,9 @@ class BoardPlace:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real"]
-    machine: Literal["frdm-k64f", "microbit-v1"] | None = None
-    """Board that a virtual one imitates; None is ``frdm-k64f``."""
+    machine: str | None = None
+    """Board that a virtual one imitates: ``frdm-k64f``, ``microbit-v1``, ``stm32f411-disco``, or a machine file ending
+    in ``.toml``, relative to the rig's. None is ``frdm-k64f``."""
     port: str | None = None
     cycle_model: str | None = None
     """Cycle model of a board on a port: ``silicon-dwt``, or the timing profile of a virtual board that is served there.
@@ -190,6 +193,9 @@ class SensorPart:
     """7-bit address on an I2C bus; None for the part's first."""
     chip_select: str | None = None
     """Pin of the processor that selects it on an SPI bus, such as ``PTD0``."""
+    companion_address: int | None = None
+    companion_chip_select: str | None = None
+    """Address and chip select of the further device in its package; None for the model's first address."""
     interrupts: dict[str, str] = field(default_factory=dict)
     """Pins of the processor by pins of the part, such as ``DRDY = "PTB9"``."""
     axes: Axes | None = None
@@ -212,18 +218,27 @@ class SensorPart:
         require(
             is_spi == (self.chip_select is not None), "chip_select", "belongs to a part on an SPI bus, and only there"
         )
-        require(not is_spi or self.address is None, "address", "belongs to a part on an I2C bus: leave it out")
-        require(self.address is None or 0x08 <= self.address <= 0x77, "address", "must be 0x08 to 0x77, seven bits")
+        other = self.companion_chip_select
+        require(is_spi or other is None, "companion_chip_select", "belongs to a part on an SPI bus, and only there")
+        require(other is None or other != self.chip_select, "companion_chip_select", "is the part's own chip_select")
+        for key in ("address", "companion_address"):
+            address = getattr(self, key)
+            require(not is_spi or address is None, key, "belongs to a part on an I2C bus: leave it out")
+            require(address is None or 0x08 <= address <= 0x77, key, "must be 0x08 to 0x77, seven bits")
         for key in ("magnetometer_noise_ut", "accelerometer_noise_mg", "gyroscope_noise_dps"):
             noise = getattr(self, key)
             require(noise is None or noise >= 0.0, key, "must not be negative")
 
     def check_pins(self, machine: str | None, place: str) -> None:
         """Refuse pins that the processor of a board does not have; `place` is the entry's key."""
-        pattern, words = _PINS.get(machine, _PINS[None])
-        select = [] if self.chip_select is None else [self.chip_select]
-        for key, pins in (("chip_select", select), ("interrupts", [*self.interrupts.values()])):
-            strangers = [pin for pin in pins if not re.fullmatch(pattern, pin)]
+        pattern, words = _PINS.get(machine, _OTHER_PINS)
+        select, companion_select = [self.chip_select], [self.companion_chip_select]
+        for key, pins in (
+            ("chip_select", select),
+            ("companion_chip_select", companion_select),
+            ("interrupts", [*self.interrupts.values()]),
+        ):
+            strangers = [pin for pin in pins if pin is not None and not re.fullmatch(pattern, pin)]
             message = f"names no pin of the processor: {', '.join(strangers)}; write {words}"
             require(not strangers, f"{place}.{key}", message)
 

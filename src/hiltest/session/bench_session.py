@@ -258,7 +258,7 @@ class HilSession:
             if self.replay is not None:
                 self._rig = self.replay.rig(None if named is None else rig_file(start, named))
             else:
-                self._rig = load_rig(rig_file(start, named))
+                self._rig = load_rig(rig_file(start, named, port=self.settings.port))
             self._rig.refuse_playback("a run")
         return self._rig
 

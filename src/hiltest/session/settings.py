@@ -175,7 +175,14 @@ class Option(NamedTuple):
 
 
 OPTIONS = (
-    Option("rig", "FILE", file_name, None, "virtual-k64f", "Use this rig: a file, or the name of a rig in hil/rigs."),
+    Option(
+        "rig",
+        "FILE",
+        file_name,
+        None,
+        "virtual-k64f; frdm-k64f if a port is named",
+        "Use this rig: a file, or the name of a rig in hil/rigs.",
+    ),
     Option(
         "firmware",
         "FILE",

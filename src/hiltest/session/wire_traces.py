@@ -8,7 +8,9 @@ from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
+from hiltest.errors import ConfigError
 from hiltest.link.transcript import SCHEMA, LatestTranscript
+from hiltest.path_names import path_below
 
 FOLDER = "traces"
 
@@ -67,13 +69,13 @@ class WireTraces:
         if not self.transcript.entries:
             return ""
         name = f"{FOLDER}/{file_name(test)}.txt"
-        if not self._write(self._out / name, f"wire trace of {test}, until its {phase} failed", about):
+        if not self._write(name, f"wire trace of {test}, until its {phase} failed", about):
             return ""
         if phase != "call":
             self._written.append((error, name))
         return name
 
-    def _write(self, path: Path, heading: str, about: str) -> bool:
+    def _write(self, name: str, heading: str, about: str) -> bool:
         from hiltest.link.trace_text import trace_lines
 
         cut = self.transcript.dropped_bytes
@@ -82,11 +84,12 @@ class WireTraces:
             head.append(f"cut: {cut} earlier bytes were dropped")
         lines = [*(f"# {line}" for line in head), *trace_lines(self.transcript)]
         try:
+            path = path_below(self._out, name, remedy="remove it")
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("\n".join(lines) + "\n", encoding="utf-8")
             self.transcript.write(path.with_suffix(".jsonl"))
-        except OSError:
-            return False  # a full disk: the test's own failure must be reported
+        except (ConfigError, OSError):
+            return False  # a link, or a full disk: the test's own failure must be reported
         return True
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hiltest import __version__
+from hiltest.budgets import STUDY_JOURNAL
 from hiltest.errors import ConfigError
 from hiltest.json_files import parse_json, read_bounded
 from hiltest.run_record.exit_codes import WORDS, ExitCode
@@ -25,7 +26,6 @@ from hiltest.studies.study_page import PAGE_FILE, PRINTED_HEADER, page
 
 BLOCKS_FILE = "blocks.jsonl"
 """Finished blocks of an unfinished study: one line of JSON each."""
-_LARGEST_BYTES = 1 << 30
 _REMARK = "finished blocks are saved: repeat the command to continue"
 _OTHERWISE = "remove it to start over, or name another folder with --out"
 
@@ -88,12 +88,12 @@ def run_study(
 
 def _saved_blocks(plan: Plan, journal: Path) -> dict[int, Numbers]:
     """Return the blocks of a plan in a journal."""
-    text = read_bounded(journal, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    text = read_bounded(journal, STUDY_JOURNAL, otherwise=_OTHERWISE)
     blocks = len(blocks_of(plan))
     numbers_by_block: dict[int, Numbers] = {}
     for line_number, line in enumerate(text.splitlines(), 1):
         try:
-            entry: Any = parse_json(line)
+            entry: Any = parse_json(line, STUDY_JOURNAL)
             if entry["kind"] == "start":
                 if (entry["hiltest"], entry["plan"]) != (__version__, asdict(plan)):
                     raise ConfigError(

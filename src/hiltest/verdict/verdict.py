@@ -285,8 +285,9 @@ def _value(measurement: Measurement) -> str:
 def _left_out_words(left_out: Sequence[str]) -> str:
     if not left_out:
         return ""
-    example = f", e.g. {left_out[0]}" if len(left_out) > 1 else f": {left_out[0]}"
-    return f"Not evaluated: {len(left_out)} limit{'s' * (len(left_out) > 1)} of the rig{example}."
+    if len(left_out) == 1:
+        return f"No test measured {left_out[0]}, so that its limit was not checked."
+    return f"{len(left_out)} limits of the rig were not checked, because no test measured them, e.g. {left_out[0]}."
 
 
 def _not_evaluated(summary: Summary, findings: Findings, word: str) -> str:

@@ -115,6 +115,11 @@ def _refuse_drive(volume: Path, state: DriveState | None) -> None:
         raise FlashError(
             f"{volume} is not the drive of a DAPLink: it has no DETAILS.TXT. Name its mount point with --volume"
         )
+    if "daplink" not in state.details.lower() or not (state.unique_id or _field(state.details, "Daplink Mode")):
+        raise FlashError(
+            f"{volume} is not the drive of a DAPLink: its DETAILS.TXT does not name DAPLink and a unique id. Name the "
+            "drive's mount point with --volume"
+        )
     if _field(state.details, "Daplink Mode").lower() == "bootloader":
         raise FlashError(
             f"{volume} is the boot loader of DAPLink, for firmware of the interface chip: unplug the board, and plug "

@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from hiltest.boards.daplink import UsbBoard, choose_board, find_boards
+from hiltest.boards.daplink import UsbBoard, choose_board, find_boards, plugged_in
 from hiltest.boards.flashing.daplink_volume import DriveState, drop
 from hiltest.boards.flashing.debug_probe import program
 from hiltest.boards.flashing.flash_image import FlashImage
@@ -138,13 +138,17 @@ def find_target(
     return Target(url, board, volume, rig.link.baud if rig else _BAUD, rig)
 
 
-def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress: Progress) -> FlashResult:
+def flash(
+    image: FlashImage, target: Target, *, by_probe: bool = False, is_forced: bool = False, progress: Progress
+) -> FlashResult:
     """Flash an image, and check that the board then answers with its identity.
 
     Parameters
     ----------
     by_probe
         True to use a debug probe with pyOCD; by default the image is copied to the drive of the board's DAPLink.
+    is_forced
+        True to write also to a folder that is not the mount point of a USB drive.
     progress
         Callback with the current task, the amount done, and its total.
 
@@ -164,7 +168,13 @@ def flash(image: FlashImage, target: Target, *, by_probe: bool = False, progress
         if by_probe:
             serial_number = program(image, serial_number, progress=progress)
         else:
-            after = drop(image.intel_hex(), _find_volume(target), find=target.mounted_at, progress=progress)
+            volume = _find_volume(target)
+            if not (is_forced or plugged_in().has_drive_at(volume)):
+                raise FlashError(
+                    f"{volume} is not the mount point of a USB drive with a DAPLink: mount the board's drive and name "
+                    "that folder with --volume, or write to this one with --force"
+                )
+            after = drop(image.intel_hex(), volume, find=target.mounted_at, progress=progress)
             serial_number = serial_number or after.unique_id
             hint = "" if after.resets_by_itself else " Press its reset button: its DAPLink does not start firmware."
         if not image.contains(FIRMWARE_NAME.encode()) or (target.rig is not None and not target.rig.answers_requests):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
+from hiltest.budgets import BINARY_LOG, BudgetError
 from hiltest.errors import ConfigError
 
 Rows = Iterator[dict[str, object]]
@@ -15,7 +16,6 @@ _ARDUPILOT = {"MAG": ("mG", "Mag"), "IMU": ("m/s2", "Acc"), "BAT": ("A", "Curr")
 _PX4 = {"sensor_mag": "gauss", "sensor_accel": "m/s2", "sensor_gyro": "rad/s", "battery_status": "A"}
 _ROS = ("MagneticField", "Imu", "Temperature", "BatteryState")
 _ROS_VECTORS = {"magnetic_field": "T", "linear_acceleration": "m/s2", "angular_velocity": "rad/s"}
-_MOST_ROWS = 2_000_000
 
 
 def read_binary(path: Path) -> list[dict[str, str]] | None:
@@ -36,15 +36,15 @@ def read_binary(path: Path) -> list[dict[str, str]] | None:
     name, reader = found
     rows: list[dict[str, str]] = []
     try:
+        BINARY_LOG.check(size=path.stat().st_size)
         for row in reader(path):
             rows.append({key: str(value) for key, value in row.items()})
-            if len(rows) > _MOST_ROWS:
-                raise ConfigError(f"{path}: more than {_MOST_ROWS} messages of sensors; cut the log")
+            BINARY_LOG.check(items=len(rows))
     except ImportError as error:
         step = "convert it with blackbox_decode" if error.name == "orangebox" else "pip install 'hiltest[logs]'"
         raise ConfigError(f"{path}: {name} is read by a package: {step} ({error})") from error
-    except ConfigError:
-        raise
+    except BudgetError as error:
+        raise ConfigError(f"{path}: {error}; cut the log") from error
     except Exception as error:  # packages raise anything at a damaged log
         raise ConfigError(f"{path}: {name} cannot be read: {error or type(error).__name__}") from error
     return rows

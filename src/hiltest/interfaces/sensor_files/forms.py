@@ -12,6 +12,7 @@ from itertools import chain, pairwise, zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
+from hiltest.budgets import TABLE_DOCUMENT
 from hiltest.errors import ConfigError
 from hiltest.interfaces.sensor_files.cells import TableRow, is_number, shown
 from hiltest.interfaces.sensor_files.columns import axis_triples, is_sensor, is_unit, seconds_of, stem_and_axis
@@ -152,7 +153,7 @@ def _json_document(path: Path, lines: Sequence[Line], others: Iterator[Line]) ->
             return None
     text = "".join(line.text for line in chain(lines, others))
     try:
-        rows = [_joined(dict(_flat(row, ""))) for row in _rows_of(parse_json(text))]
+        rows = [_joined(dict(_flat(row, ""))) for row in _rows_of(parse_json(text, TABLE_DOCUMENT))]
     except ValueError as error:
         raise ConfigError(f"{path}: JSON, but no table of readings: {error}") from error
 

@@ -11,14 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
+from hiltest.budgets import TABLE, TABLE_DOCUMENT, Budget, BudgetError
 from hiltest.errors import ConfigError
 
 # Bytes of a file that are in memory at once: a table line is far shorter, and other files must not fill the memory.
 _LONGEST_LINE = 65_536
 # Smallest part of these that is offered at once: some lines of a table.
 _LEAST_AHEAD = 512
-# Largest size: hours of any sensor. A small compressed file could otherwise expand without limit.
-_MOST_BYTES = 512 << 20
 #: First bytes of a UTF-16 file, such as PowerShell writes with >.
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _COMMENTS = ("#", "%", "//")
@@ -26,8 +25,6 @@ _COMMENTS = ("#", "%", "//")
 _RULE = re.compile(r"[-_=+|:\s]{4,}")
 # First characters of lines that may have a prefix: a colour, a bracket, a digit, a level.
 _BEFORE_PREFIX = ("\x1b", "[", "<", *"0123456789EWIDV")
-# Bytes of a document of JSON, which may be one line and is in memory as a whole.
-_LONGEST_DOCUMENT = 64 << 20
 # Colours of a terminal, also without the escape character that a monitor may remove.
 _COLOURS = re.compile(r"\x1b\[[\d;]*[A-Za-z]|\[\d{1,2}(?:;\d{1,3})+m|\[0m")
 _CLOCK = r"(?P<hours>\d{1,2}):(?P<minutes>\d\d):(?P<seconds>\d\d(?:[.,:]\d{1,9})?)(?:,\d{3})?Z?"
@@ -98,7 +95,7 @@ class Lines:
             if not text and len(ahead) == self._reach < _LONGEST_LINE:
                 self._reach *= 2
                 continue
-            if not text or self._size + len(text) > _MOST_BYTES:
+            if not text or self._size + len(text) > TABLE.bytes or self._number >= TABLE.items:
                 return b""
             if not text.translate(None, _PLAIN):
                 return text
@@ -157,15 +154,15 @@ class Lines:
         while raw := lines.readline(_LONGEST_LINE + 1):
             self._number += 1
             self._size += len(raw)
-            if self._size > _MOST_BYTES:
-                raise ConfigError(f"{self._where}: more than {_MOST_BYTES >> 20} MB of text; cut the file")
+            self._check_budget(TABLE, size=self._size, items=self._number)
             if self._number == 1:
                 raw = raw.removeprefix(b"\xef\xbb\xbf")
             if b"\0" in raw:
                 raise ConfigError(f"{self._where}: a zero byte: this is a binary file, not a text table")
             if len(raw) > _LONGEST_LINE and self._number == 1 and raw.lstrip()[:1] in (b"[", b"{"):
-                raw += lines.readline(_LONGEST_DOCUMENT)
-                self._size += len(raw)
+                raw += lines.readline(TABLE_DOCUMENT.bytes)
+                self._size = len(raw)
+                self._check_budget(TABLE_DOCUMENT, size=self._size)
             elif len(raw) > _LONGEST_LINE:
                 raise ConfigError(f"{self._where}: the line is longer than {_LONGEST_LINE} bytes: no table of readings")
             try:
@@ -173,6 +170,12 @@ class Lines:
             except UnicodeDecodeError as error:
                 bad = raw[error.start]
                 raise ConfigError(f"{self._where}: byte 0x{bad:02x} is not UTF-8; save the file as UTF-8") from error
+
+    def _check_budget(self, budget: Budget, **counts: int) -> None:
+        try:
+            budget.check(**counts)
+        except BudgetError as error:
+            raise ConfigError(f"{self._where}: {error}; cut the file") from error
 
 
 def _split_prefix(text: str) -> tuple[float, str]:

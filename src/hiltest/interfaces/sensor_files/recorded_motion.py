@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from hiltest.budgets import PACKETS, TABLE
 from hiltest.errors import ConfigError
 from hiltest.interfaces.packet_stream import batches
 from hiltest.interfaces.packet_summary import BoardClock, summary_of
 from hiltest.interfaces.packets import AxisConvention, MainPacket
 from hiltest.interfaces.sensor_files.parsed_lines import UTF16_MARKS
 from hiltest.interfaces.sensor_files.tracks import Recorded, read_table, rotate_to_body
-from hiltest.json_files import read_bounded
+from hiltest.json_files import read_bounded, read_pieces
 from hiltest.orientation.motion_recording import read_motion_recording
 from hiltest.rig import Rig
 from hiltest.rig.recorded_motion import PlaybackFile, PlayedSensor
@@ -20,7 +21,6 @@ from hiltest.world.recorded_motion import Playback, Resampling, Sensed, Track
 
 #: Time of a first reading without its own time [s]: firmware has configured its sensors and runs by then.
 START_S = 3.0
-_LARGEST_BYTES = 512 << 20
 _LOOKED_AT = 4096
 # Plausible range of the median of a recording's readings, under any motion and magnetisation; outside, the unit must be
 # wrong. The earth's field is 22 to 66 uT, and the parts' axes end at 1200; nothing is shaken at 3 g for long.
@@ -54,12 +54,12 @@ def read_playback(path: Path, settings: PlaybackFile) -> Playback:
     ConfigError
         When it cannot be read or interpreted; the message has the file, and the line of a table.
     """
-    data = read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="give a recording")
+    begin = next(read_pieces(path, TABLE, otherwise="give a recording"), b"")[:_LOOKED_AT]
     if path.suffix == ".npz":
         return placed(path.name, _read_archive(path, settings), settings)
     # Packets contain zero bytes, UTF-8 text does not.
-    is_stream = b"\0" in data[:_LOOKED_AT] and path.suffix != ".gz" and not _is_utf16(data[:_LOOKED_AT])
-    recorded = _read_packets(path, data, settings) if is_stream else read_table(path, settings)
+    is_stream = b"\0" in begin and path.suffix != ".gz" and not _is_utf16(begin)
+    recorded = _read_packets(path, settings) if is_stream else read_table(path, settings)
     for sensed, track in recorded.tracks.items():
         _refuse_implausible(path, sensed, track)
     return placed(path.name, recorded, settings)
@@ -105,8 +105,9 @@ def _read_archive(path: Path, settings: PlaybackFile) -> Recorded:
     return Recorded({sensed: Track(times_s, values) for sensed, values in readings.items()}, motion=motion)
 
 
-def _read_packets(path: Path, data: bytes, settings: PlaybackFile) -> Recorded:
+def _read_packets(path: Path, settings: PlaybackFile) -> Recorded:
     """Read the main packets of a stream: accelerometer, calibrated magnetometer, uncalibrated gyroscope."""
+    data = read_bounded(path, PACKETS, otherwise="give a recording")
     _, release = summary_of(data)
     rows = [table for batch in batches(data, release) for table in batch.tables if table.kind is MainPacket]
     if not rows:

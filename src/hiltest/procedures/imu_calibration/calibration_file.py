@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hiltest.budgets import CALIBRATION
 from hiltest.calibration.c_source import c_constant, comment_text
 from hiltest.json_files import json_text, read_as, read_json
 from hiltest.procedures.imu_calibration.contents import (
@@ -16,7 +17,6 @@ from hiltest.procedures.imu_calibration.contents import (
 )
 
 # Largest size: a calibration file has some 4 kB.
-_LARGEST_BYTES = 1_000_000
 _OTHERWISE = "calibrate again: hiltest calibrate"
 _GUARD = "HILTEST_IMU_CALIBRATION_H"
 
@@ -44,7 +44,7 @@ def load_calibration(path: Path) -> CalibrationFile:
         If it cannot be read, is not a calibration file, or has another number, unit, frame or formula; the message has
         the place and a remedy.
     """
-    file = read_json(path, largest_bytes=_LARGEST_BYTES, otherwise=_OTHERWISE)
+    file = read_json(path, budget=CALIBRATION, otherwise=_OTHERWISE)
     return CalibrationFile(path, file.sha256, read_as(file, ImuCalibration, SCHEMA, otherwise=_OTHERWISE))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hiltest import __version__
+from hiltest.budgets import WORST_INPUT
 from hiltest.errors import ConfigError
 from hiltest.json_files import json_text, read_as
 from hiltest.studies.board_calibrators import BoardCalibrators
@@ -23,7 +24,6 @@ from hiltest.virtual.profiling.image import ProfiledImage
 
 SCHEMA: Literal["hiltest.worst-case/1"] = "hiltest.worst-case/1"
 
-_LARGEST_BYTES = 4_000_000  # four times the text of a hundred thousand numbers
 _OTHERWISE = "search again: hiltest profile worst"
 _LONGEST = 60  # characters of displayed arguments
 _COUNTS = np.iinfo(np.int16)
@@ -125,4 +125,4 @@ def load_worst_case(path: Path) -> WorstCase:
     ConfigError
         If the file cannot be read, or is not a saved worst case; the message has the reason.
     """
-    return read_as(path, WorstCase, SCHEMA, otherwise=_OTHERWISE, largest_bytes=_LARGEST_BYTES)
+    return read_as(path, WorstCase, SCHEMA, otherwise=_OTHERWISE, budget=WORST_INPUT)

@@ -253,6 +253,9 @@ void machine_load_changed(struct machine *machine);
 /* Add a memory; base and size are multiples of 4 KiB. Returns its bytes, for reading only; NULL if it overlaps another
  * memory or there are too many. */
 const uint8_t *machine_add_memory(struct machine *machine, uint32_t base, uint32_t size, bool writable);
+/* Show a memory at a second address, too, where it has the same size and kind. Returns its bytes; NULL if there is no
+ * memory at `target`, if it overlaps another one, or if there are too many. */
+const uint8_t *machine_add_alias(struct machine *machine, uint32_t base, uint32_t target);
 /* Read and write memories as a debugger does, including flash. False if no memory contains the range. */
 bool machine_read(struct machine *machine, uint32_t address, uint32_t size, uint8_t *bytes);
 bool machine_write(struct machine *machine, uint32_t address, uint32_t size, const uint8_t *bytes);
@@ -389,6 +392,13 @@ struct machine_nrf51_timer {
 };
 bool machine_add_nrf51_timer(struct machine *machine, uint32_t base, struct machine_nrf51_timer connections);
 void machine_route_nrf51_timer(struct machine *machine, uint32_t base, bool is_routed);
+
+/* A general-purpose timer of STM32F4 parts; the mask has the bits of its counter. */
+struct machine_stm32_timer {
+    int32_t interrupt, clock;
+    uint32_t mask;
+};
+bool machine_add_stm32_timer(struct machine *machine, uint32_t base, struct machine_stm32_timer connections);
 
 /* FTM. `changed` is called when a reported channel changes its level, `note` at a write that requests an unmodelled
  * function. */

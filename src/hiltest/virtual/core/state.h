@@ -26,6 +26,7 @@ struct page {
 struct memory {
     uint32_t base, size;
     bool writable;
+    bool is_alias;     /* all pointers are another memory's */
     uint8_t *bytes;
     uint8_t *has_code; /* for each halfword: true if it was decoded as part of an instruction */
     struct machine_executions *executions; /* for each halfword, see counts.c, or NULL */

@@ -10,8 +10,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from hiltest.budgets import PROFILE, Budget, BudgetError
 from hiltest.errors import ConfigError, UnknownKeyError
-from hiltest.json_files import read_bounded, shown
+from hiltest.json_files import parse_toml, read_bounded, shown
 from hiltest.virtual.model.timing import CostRow, CountError, TimingProfile
 
 DEFAULT_PROFILE = "cortex-m4-trm/3"
@@ -125,7 +126,6 @@ _AT_MOST = {  # as core/waits.h
 }
 _POWERS_OF_TWO = frozenset({"flash_line_bytes", "cache_entry_bytes", "cache_sets"})  # addresses are divided by them
 _MOST_PERMILLE = 500  # a wider range says nothing
-_LARGEST_FILE = 64 * 1024
 _TABLES = ("name", "base", "memory_base", "cost", "memory", "error", "board", "measured")  # the last two price nothing
 #: Memories of code for which a profile may state the errors of counts: RAM on the code buses and on the system bus,
 #: flash without wait states and with them.
@@ -165,7 +165,7 @@ def load_profile(name: str) -> TimingProfile:
         If there is no such profile, or the file is not a timing profile; the message names the place and a remedy.
     """
     file = place_of(name)
-    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+    content = read_bounded(file, PROFILE, otherwise="name a timing profile (TOML)")
     return _profile_of(str(file), content, shipped=file in shipped_profiles().values())
 
 
@@ -184,7 +184,7 @@ def measured_file(file: Path) -> tuple[dict[str, Any], str, dict[str, CostRow]]:
     ConfigError
         If the file is not a timing profile.
     """
-    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a timing profile (TOML)")
+    content = read_bounded(file, PROFILE, otherwise="name a timing profile (TOML)")
     name, rows, *_ = _parse(str(file), content)
     return tomllib.loads(content.decode("utf-8")), name, rows
 
@@ -213,19 +213,21 @@ def _profile_of(place: str, content: bytes, *, shipped: bool) -> TimingProfile:
     return TimingProfile(name, rows, memory, errors=errors, shipped=shipped)
 
 
-def read_tables(place: str, content: bytes) -> dict[str, Any]:
+def read_tables(place: str, content: bytes, budget: Budget = PROFILE) -> dict[str, Any]:
     """Return the content of a TOML file; its tables are unchecked.
 
     Raises
     ------
     ConfigError
-        If it is not TOML.
+        If it is over its budget, or not TOML.
     """
     try:
-        return tomllib.loads(content.decode("utf-8"))
+        return parse_toml(content, budget)
     except UnicodeDecodeError as error:
         raise ConfigError(f"{place}: not UTF-8 text at byte {error.start}; {_advice()}") from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except BudgetError as error:
+        raise ConfigError(f"{place}: {error}; {_advice()}") from error
+    except ValueError as error:
         raise ConfigError(f"{place}: not TOML: {error}; {_advice()}") from error
 
 

@@ -15,13 +15,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError
 
+from hiltest.budgets import PART
 from hiltest.errors import ConfigError
 from hiltest.json_files import adapter, describe_invalid, read_bounded
 from hiltest.virtual.model.profile_file import SUFFIX, parse_rows, read_tables
 from hiltest.virtual.model.timing import CostRow, CountError, TimingProfile, WaitingMemories
 from hiltest.virtual.part.chip import MemoryMap, Region
 
-_LARGEST_FILE = 64 * 1024
 _MEGA = 1_000_000
 _Text = Annotated[str, Field(min_length=1, max_length=500)]
 _STRICT: dict[str, Any] = {"extra": "forbid"}
@@ -192,8 +192,8 @@ def load_part(name: str) -> Part:
 
 def _read_part(file: Path, *, shipped: bool) -> Part:
     place = str(file)
-    content = read_bounded(file, largest_bytes=_LARGEST_FILE, otherwise="name a part file (TOML)")
-    tables = read_tables(place, content)
+    content = read_bounded(file, PART, otherwise="name a part file (TOML)")
+    tables = read_tables(place, content, PART)
     described: Any = tables.pop("part", None)
     if described is None:
         raise ConfigError(f"{place}: there is no table [part]; start from a copy of a shipped part file")

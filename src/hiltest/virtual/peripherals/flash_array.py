@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hiltest.budgets import SEGMENTS
 from hiltest.errors import ConfigError, SnapshotError
 from hiltest.json_files import read_bounded
 from hiltest.state import Restorable
@@ -85,9 +87,8 @@ class FlashArray(Restorable):
         content = b""
         if self._file.exists():
             whole = SIZE + len(self.once)
-            content = read_bounded(
-                self._file, largest_bytes=whole, otherwise="name a file in which a board's flash was stored"
-            )
+            budget = replace(SEGMENTS, name="a stored flash", bytes=whole)
+            content = read_bounded(self._file, budget, otherwise="name a file in which a board's flash was stored")
             if len(content) != whole:
                 raise ConfigError(f"{self._file} has {len(content)} bytes, but the flash with its records has {whole}")
         if content:

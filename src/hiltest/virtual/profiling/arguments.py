@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from hiltest.budgets import ARGUMENT
 from hiltest.errors import ConfigError
 from hiltest.virtual.calls.buffers import Address, Structure
 from hiltest.virtual.calls.procedure_call import Argument
@@ -34,8 +35,6 @@ _TYPES = {
 }
 # A "+" separates members if a member follows it; otherwise it belongs to a number or a name.
 _SEPARATOR = re.compile(rf"\+(?=(?:ptr:)*(?:@|(?:{'|'.join(_TYPES)}|zeros|text):))")
-_RAM_BYTES = 0x40000
-_MOST_TEXT_BYTES = 32 * _RAM_BYTES  # for numbers that fit into the RAM, with 32 characters each
 _FORMS = "an integer, a float, int16:1,2,3, int16:@file.csv, zeros:N, zeros:int16:N, text:..., @file or members with +"
 
 
@@ -69,7 +68,7 @@ def _number(text: str) -> int | float | None:
 
 def _member(text: str) -> Any:
     if text.startswith("@"):
-        return _content(text[1:], most=_RAM_BYTES)
+        return _content(text[1:], most=ARGUMENT.items)
     kind, colon, rest = text.partition(":")
     if kind == "ptr" and colon:
         return Address(_member(rest))
@@ -84,13 +83,13 @@ def _member(text: str) -> Any:
 
 def _zeros(text: str, rest: str) -> Any:
     kind, colon, count = rest.rpartition(":")
-    if not count.isdecimal() or not 1 <= int(count) <= _RAM_BYTES or (colon and kind not in _TYPES):
+    if not count.isdecimal() or not 1 <= int(count) <= ARGUMENT.items or (colon and kind not in _TYPES):
         raise ConfigError(f"{text!r}: write zeros:64 for bytes or zeros:float32:12, within the size of the RAM")
     return np.zeros(int(count), _TYPES[kind]) if colon else bytearray(int(count))
 
 
 def _array(text: str, kind: str, rest: str) -> Any:
-    source = _content(rest[1:], most=_MOST_TEXT_BYTES).decode(errors="replace") if rest.startswith("@") else rest
+    source = _content(rest[1:], most=ARGUMENT.bytes).decode(errors="replace") if rest.startswith("@") else rest
     where = f"{rest[1:]}, line " if rest.startswith("@") else ""
     values: list[int | float] = []
     for line, row in enumerate(source.splitlines(), start=1):

@@ -20,6 +20,7 @@ from typing import Any
 
 from elftools.elf.elffile import ELFFile
 
+from hiltest.budgets import ELF, SEGMENTS, BudgetError
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
 from hiltest.virtual.program.image_formats import convert_to_elf
@@ -65,8 +66,6 @@ CORES = {
     ),
 }
 _HARD_FLOAT = 0x400  # EF_ARM_ABI_FLOAT_HARD, which the linker sets for the whole file
-# The chip has 1 MiB of flash; debug information of large C++ firmware is a hundred times that.
-_LARGEST_BYTES = 256 << 20
 _BUILD_ID = re.compile(rb"\x04\0{3}([\x04-\x20])\0{3}\x03\0{3}GNU\0(.{4,32})", re.DOTALL)  # the note with its header
 _CACHED_IMAGES = 8  # parsed images, each a few megabytes with its debug information
 _MARK = re.compile(r"\$[dt](\..*)?")  # a mapping symbol (AAELF32, 5.5.5): data or Thumb code begins
@@ -124,7 +123,7 @@ def _parse(name: str, content: bytes, base: int | None, core: str) -> FirmwareIm
 
 
 def _read_file(path: Path) -> tuple[str, bytes]:
-    return str(path), read_bounded(path, largest_bytes=_LARGEST_BYTES, otherwise="name the firmware's ELF file")
+    return str(path), read_bounded(path, ELF, otherwise="name the firmware's ELF file")
 
 
 class FirmwareImage:
@@ -176,6 +175,8 @@ class FirmwareImage:
             self._check_processor(CORES[core])
         except ConfigError:
             raise
+        except BudgetError as error:
+            raise ConfigError(f"{self.name}: {error}; name the program of one chip") from error
         except Exception as error:  # the parser raises many types for a damaged file, from struct.error to KeyError
             raise ConfigError(
                 f"{self.name}: not a complete ELF file ({str(error) or type(error).__name__}); "
@@ -230,11 +231,13 @@ class FirmwareImage:
 
     def _read_segments(self) -> tuple[LoadSegment, ...]:
         """Read the loadable segments in file order; a segment of zeroed data has no content."""
+        headers = list(self._elf.iter_segments("PT_LOAD"))
+        SEGMENTS.check(size=sum(segment.header.p_filesz for segment in headers), items=len(headers))
         segments = tuple(
             LoadSegment(segment.header.p_paddr, segment.header.p_vaddr, segment.data(), segment.header.p_memsz)
-            for segment in self._elf.iter_segments("PT_LOAD")
+            for segment in headers
         )
-        for segment, read in zip(self._elf.iter_segments("PT_LOAD"), segments, strict=True):
+        for segment, read in zip(headers, segments, strict=True):
             if len(read.data) != segment.header.p_filesz or segment.header.p_memsz < segment.header.p_filesz:
                 raise ConfigError(f"{self.name}: the file ends within a segment; copy it again")
         if not any(segment.data for segment in segments):
@@ -244,9 +247,11 @@ class FirmwareImage:
     def _read_symbols(self) -> list[Symbol]:
         """Return named functions and objects, with global ones last to take precedence; collect mapping symbols."""
         symbols: list[Symbol] = []
+        ELF.check(size=sum(section.data_size for section in self._elf.iter_sections()))  # once decompressed
         table: Any = self._elf.get_section_by_name(".symtab")
         if table is None:
             return symbols
+        ELF.check(items=table.num_symbols())
         for entry in sorted(table.iter_symbols(), key=lambda symbol: symbol.entry.st_info.bind == "STB_GLOBAL"):
             kind = entry.entry.st_info.type
             if kind in ("STT_FUNC", "STT_OBJECT") and entry.name:

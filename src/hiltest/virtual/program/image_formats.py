@@ -13,6 +13,7 @@ from pathlib import Path
 
 from intelhex import HexReaderError, IntelHex
 
+from hiltest.budgets import HEX, SEGMENTS, Budget, BudgetError
 from hiltest.errors import ConfigError
 
 _ELF = b"\x7fELF"
@@ -51,6 +52,7 @@ def convert_to_elf(name: str, content: bytes, base: int | None) -> bytes:
         return content
     if not content:
         raise ConfigError(f"{name}: the file is empty; name the .bin that objcopy wrote")
+    _check_budget(name, SEGMENTS, size=len(content))
     if not 0 <= (base or 0) <= _ADDRESSES - len(content):
         raise ConfigError(f"{name}: {len(content)} bytes at 0x{base:x} are beyond the last address; correct --base")
     return _elf([(base or 0, content)])
@@ -58,6 +60,7 @@ def convert_to_elf(name: str, content: bytes, base: int | None) -> bytes:
 
 def _chunks(name: str, content: bytes) -> list[Chunk]:
     """Return the data of an Intel HEX file, with adjacent bytes in one chunk."""
+    _check_budget(name, HEX, size=len(content))
     lines = [(number, line.strip()) for number, line in enumerate(content.splitlines(), start=1) if line.strip()]
     ends = [place for place, (_, line) in enumerate(lines) if line[7:9] == b"01"]
     if not ends:
@@ -69,12 +72,21 @@ def _chunks(name: str, content: bytes) -> list[Chunk]:
         image.loadhex(io.StringIO(b"\n".join(line for _, line in lines).decode("ascii", errors="replace")))
     except HexReaderError as error:
         raise _refusal(name, lines[error.line - 1][0], re.sub(r" (at|on) line \d+", "", str(error))) from error
-    chunks = [(begin, image.tobinstr(begin, end - 1)) for begin, end in image.segments()]
+    segments = image.segments()
+    _check_budget(name, HEX, items=len(segments))
+    chunks = [(begin, image.tobinstr(begin, end - 1)) for begin, end in segments]
     if not chunks:
         raise ConfigError(f"{name}: it has no data to load")
     if chunks[-1][0] + len(chunks[-1][1]) > _ADDRESSES:
         raise ConfigError(f"{name}: not valid Intel HEX: data extend beyond the last address")
     return chunks
+
+
+def _check_budget(name: str, budget: Budget, **counts: int) -> None:
+    try:
+        budget.check(**counts)
+    except BudgetError as error:
+        raise ConfigError(f"{name}: {error}; name the program of one chip, or its ELF") from error
 
 
 def _refusal(name: str, line: int, reason: str) -> ConfigError:

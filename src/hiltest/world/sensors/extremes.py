@@ -1,7 +1,8 @@
-"""Largest and smallest output of each axis: the FXOS8700CQ magnetometer's MAX and MIN registers."""
+"""Largest and smallest field of each axis, and their middle: MAX, MIN and M_OFF of the FXOS8700CQ's magnetometer."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 
 from hiltest.state import Restorable
@@ -36,6 +37,7 @@ class Extremes(Restorable):
         self._largest: Counts | None = None
         self._smallest: Counts | None = None
         self._waiting: list[tuple[SampledOutput, int, int]] = []  # numbers of the first and the last sample
+        self._middles: list[tuple[int, Counts]] = []
         self.skip(time_s)
 
     def skip(self, time_s: float) -> None:
@@ -44,12 +46,7 @@ class Extremes(Restorable):
 
     def take_in(self, time_s: float) -> None:
         """Register the samples since the last call; they are compared when the registers are read."""
-        latest = self._output.latest(time_s)
-        if latest > self._latest:
-            self._waiting.append((self._output.copy_with_conversion(self._conversion()), self._latest + 1, latest))
-        if len(self._waiting) > _MOST_WAITING:
-            self.compare()
-        self._latest = latest
+        self._take_in(self._output.latest(time_s))
 
     def read(self, index: int) -> int:
         """Return byte `index` of the six words: maxima of x, y, z, then minima."""
@@ -63,7 +60,41 @@ class Extremes(Restorable):
         for output, first, last in self._waiting:
             for tick in range(first, last + 1):
                 self._compare(output.counts(tick))
+                if self._middles and self._middles[-1][1] != (middle := self._middle):
+                    self._middles.append((tick + 1, middle))
         self._waiting.clear()
+
+    def follow_middle(self, time_s: float) -> None:
+        """Remember the middles from now on: sampling has just begun."""
+        self.compare()
+        self.skip(time_s)
+        self._middles = [(self._latest + 1, self._middle)]
+
+    def middle_before(self, tick: int, *, compares: bool) -> Counts:
+        """Return the middles of the extremes at the end of the sample before `tick` [counts], rounded down.
+
+        Parameters
+        ----------
+        compares
+            True if the samples of this run are compared.
+        """
+        if compares:
+            self._take_in(tick - 1)
+        self.compare()
+        place = bisect_right(self._middles, tick, key=lambda row: row[0])
+        return self._middles[max(0, place - 1)][1] if self._middles else self._middle
+
+    def _take_in(self, latest: int) -> None:
+        if latest > self._latest:
+            self._waiting.append((self._output.copy_with_conversion(self._conversion()), self._latest + 1, latest))
+            self._latest = latest
+        if len(self._waiting) > _MOST_WAITING:
+            self.compare()
+
+    @property
+    def _middle(self) -> Counts:
+        large, small = self._largest or _NO_SAMPLE, self._smallest or _NO_SAMPLE
+        return (large[0] + small[0] >> 1, large[1] + small[1] >> 1, large[2] + small[2] >> 1)
 
     def _compare(self, counts: Counts) -> None:
         x, y, z = counts

@@ -1,8 +1,9 @@
 """FXOS8700CQ accelerometer and magnetometer, register by register.
 
 Source of the map, modes, rates, scales and limits: NXP data sheet FXOS8700CQ. Not modelled: the embedded event
-functions (their registers read back the written value, so nothing ends the FIFO's trigger mode), automatic hard-iron
-calibration and sleep; push-pull and open-drain pins are alike.
+functions (their registers read back the written value, so nothing ends the FIFO's trigger mode) and sleep; push-pull
+and open-drain pins are alike. Interpretation: MAX, MIN and the automatic hard-iron calibration are of the field without
+offsets, since a middle of corrected samples would not be their offset.
 """
 
 from __future__ import annotations
@@ -27,15 +28,16 @@ STATUS, OUT_X_MSB, OUT_Z_LSB, F_SETUP = 0x00, 0x01, 0x06, 0x09
 SYSMOD, INT_SOURCE, WHO_AM_I, XYZ_DATA_CFG = 0x0B, 0x0C, 0x0D, 0x0E
 CTRL_REG1, CTRL_REG2, CTRL_REG3, CTRL_REG4, CTRL_REG5, OFF_X, OFF_Z = 0x2A, 0x2B, 0x2C, 0x2D, 0x2E, 0x2F, 0x31
 M_DR_STATUS, M_OUT_X_MSB, M_OUT_Z_LSB, CMP_X_MSB, CMP_Z_LSB = 0x32, 0x33, 0x38, 0x39, 0x3E
-M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2 = 0x3F, 0x44, 0x51, 0x5B, 0x5C
+M_OFF_X_MSB, M_OFF_Z_LSB, TEMP, M_CTRL_REG1, M_CTRL_REG2, M_CTRL_REG3 = 0x3F, 0x44, 0x51, 0x5B, 0x5C, 0x5D
 MAX_X_MSB, MIN_Z_LSB, M_INT_SRC = 0x45, 0x50, 0x5E
 _IDENTITY = 0xC7
 _ACTIVE, _F_READ, _LOW_NOISE = 0x01, 0x02, 0x04  # CTRL_REG1
 _RESET = 0x40  # CTRL_REG2
 _ACTIVE_HIGH = 0x02  # CTRL_REG3
 _FIFO_EVENT, _DATA_READY = 0x40, 0x01  # CTRL_REG4 enables them, INT_SOURCE shows them; M_INT_SRC has the second
-_ONE_SHOT = 0x20  # M_CTRL_REG1
+_CALIBRATES, _ONE_SHOT = 0x80, 0x20  # M_CTRL_REG1
 _HYBRID_AUTO_INCREMENT, _EXTREMES_OFF, _RESET_EXTREMES = 0x20, 0x10, 0x04  # M_CTRL_REG2
+_WITHOUT_OFFSETS = 0x80  # M_CTRL_REG3
 # Stored bits of each register, without self-clearing ones.
 _KEPT = {CTRL_REG2: 0xBF, M_CTRL_REG1: 0x9F, M_CTRL_REG2: 0x3B}
 _READ_ONLY = frozenset(
@@ -233,6 +235,8 @@ class Fxos8700cq(RegisterDevice):
         if MAX_X_MSB <= register <= MIN_Z_LSB:
             self._follow_extremes(time_s)
             return self._extremes.read(register - MAX_X_MSB)
+        if M_OFF_X_MSB <= register <= M_OFF_Z_LSB:
+            self._load_offsets(time_s)
         match register:
             case 0x00:
                 return self._read_status(time_s)
@@ -281,12 +285,27 @@ class Fxos8700cq(RegisterDevice):
         return True
 
     def _follow_extremes(self, time_s: float) -> None:
-        if self._registers[M_CTRL_REG2] & _EXTREMES_OFF:
-            self._extremes.skip(time_s)
-        else:
+        if self._has_extremes:
             self._extremes.take_in(time_s)
             if self._world.playback is not None:  # it counts the samples that a part has taken
                 self._extremes.compare()
+        else:
+            self._extremes.skip(time_s)
+
+    @property
+    def _has_extremes(self) -> bool:
+        return not self._registers[M_CTRL_REG2] & _EXTREMES_OFF
+
+    @property
+    def _calibrates(self) -> bool:
+        return bool(self._registers[M_CTRL_REG1] & _CALIBRATES)
+
+    def _load_offsets(self, time_s: float) -> None:
+        """Load M_OFF as at the end of the latest sample, if the part calibrates itself."""
+        if self._calibrates:
+            tick = self._magnetometer.latest(time_s) + 1
+            middle = self._extremes.middle_before(tick, compares=self._has_extremes)
+            self._registers[M_OFF_X_MSB : M_OFF_Z_LSB + 1] = struct.pack(">3h", *(2 * word for word in middle))
 
     def _read_status(self, time_s: float) -> int:
         if not self._fifo.is_on:
@@ -325,6 +344,7 @@ class Fxos8700cq(RegisterDevice):
         self._magnetometer.halt(time_s)
         self._fifo.halt(time_s)
         self._follow_extremes(time_s)
+        self._load_offsets(time_s)
 
     def _begin(self, time_s: float) -> None:
         mode = self._registers[M_CTRL_REG1] & 3
@@ -341,19 +361,27 @@ class Fxos8700cq(RegisterDevice):
             self._accelerometer.begin(rate_hz, first_s=first_s)
         self._fifo.begin(time_s)
         if mode in (1, 3):
-            samples = oversampling(rate_hz, self._field_oversampling)
-            self._sigma_ut = noise_at_oversampling(samples, self._noise.magnetometer_ut)
-            self._magnetometer.begin(rate_hz, first_s=first_s)
-            self._extremes.skip(time_s)
+            self._begin_field(rate_hz, oversampling(rate_hz, self._field_oversampling), time_s, first_s=first_s)
 
     def _measure_once(self, time_s: float) -> None:
         """Measure the field once in standby, with the oversampling of the present rate."""
         samples = oversampling(_SINGLE_RATES_HZ[self._registers[CTRL_REG1] >> 3 & 7], self._field_oversampling)
-        self._sigma_ut = noise_at_oversampling(samples, self._noise.magnetometer_ut)
         rate_hz = _CONVERSIONS_HZ / samples
-        self._follow_extremes(time_s)
-        self._one_shot_s = self._magnetometer.begin(rate_hz, first_s=time_s + 1.0 / rate_hz + 0.001, single=True)
+        first_s = time_s + 1.0 / rate_hz + 0.001
+        self._one_shot_s = self._begin_field(rate_hz, samples, time_s, first_s=first_s, single=True)
+
+    def _begin_field(
+        self, rate_hz: float, samples: int, time_s: float, *, first_s: float, single: bool = False
+    ) -> float:
+        """Begin to measure the field; return the time of the first sample [s]."""
+        self._follow_extremes(time_s)  # of a single measurement before
+        self._load_offsets(time_s)
+        self._sigma_ut = noise_at_oversampling(samples, self._noise.magnetometer_ut)
+        sample_s = self._magnetometer.begin(rate_hz, first_s=first_s, single=single)
         self._extremes.skip(time_s)
+        if self._calibrates:
+            self._extremes.follow_middle(time_s)
+        return sample_s
 
     def _die_temperature(self, time_s: float) -> int:
         """Return TEMP, which the part renews with each sample of the field."""
@@ -411,14 +439,19 @@ class Fxos8700cq(RegisterDevice):
         return max(-8192, min(8191, count)) << 2  # 14 bits, left-justified
 
     def _measure_field(self, instant_s: float, noise: Vector) -> Counts:
-        return self._field_counts(self._sigma_ut, self._hard_iron_counts(), instant_s, noise)
+        return self._field_counts(self._sigma_ut, self._offsets(instant_s), instant_s, noise)
 
     def _field_conversion(self) -> Measure:
-        return partial(self._field_counts, self._sigma_ut, self._hard_iron_counts())
+        return partial(self._field_counts, self._sigma_ut, (0, 0, 0))
 
-    def _hard_iron_counts(self) -> Counts:
-        registers = self._registers[M_OFF_X_MSB : M_OFF_Z_LSB + 1]
-        x, y, z = struct.unpack(">3h", registers)
+    def _offsets(self, instant_s: float) -> Counts:
+        """Return the offsets that are subtracted from a sample [counts]."""
+        if self._registers[M_CTRL_REG3] & _WITHOUT_OFFSETS:
+            return (0, 0, 0)
+        if self._calibrates:
+            tick = round(instant_s * self._magnetometer.rate_hz)
+            return self._extremes.middle_before(tick, compares=self._has_extremes)
+        x, y, z = struct.unpack(">3h", self._registers[M_OFF_X_MSB : M_OFF_Z_LSB + 1])
         return (x >> 1, y >> 1, z >> 1)
 
     def _field_counts(self, sigma_ut: float, offsets: Counts, instant_s: float, noise: Vector) -> Counts:

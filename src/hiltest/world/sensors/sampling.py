@@ -117,7 +117,7 @@ class SampledOutput(Restorable):
     def copy_with_conversion(self, measure: Measure) -> SampledOutput:
         """Return a copy of the output with its own conversion, which keeps its samples."""
         other = copy(self)
-        other._measure = measure
+        other._measure, other._cached = measure, (-1, _NO_SAMPLE)
         return other
 
     @property

@@ -36,6 +36,8 @@ class SensorSetup:
     """None for the temperature coefficient of the part's table."""
     noise: Mapping[Sensed, float] = field(default_factory=dict)
     """Rms noise of an axis in place of the data sheet's, at all settings [unit of the quantity]."""
+    companion_address: int | None = None
+    """7-bit address of the further device in the package; None for its first."""
 
     def felt(self, quantity: Sensed, time_s: float, drift: Drift) -> Vector:
         """Return the reading of a sensor without noise, in the quantity's unit.

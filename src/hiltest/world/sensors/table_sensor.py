@@ -47,7 +47,8 @@ class TableSensor(RegisterDevice):
         self._answers_from_s = self.table.boot_s
         self._increments = True
         self._awaiting_command = self._reads = False
-        self.companions = tuple(model(replace(setup, address=None)) for model in self.companion_models)
+        inner = replace(setup, address=setup.companion_address)
+        self.companions = tuple(model(inner) for model in self.companion_models)
         self._follow_settings(0.0)
 
     @classmethod
