@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -21,11 +21,12 @@ from hiltest.virtual.part.machine_file import MachineFile, load_machine
 from hiltest.virtual.part.part_file import load_part
 from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus
 from hiltest.virtual.peripherals.core_device import CoreDevice
-from hiltest.virtual.peripherals.i2c_bus import I2cBus
+from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.peripherals.spi_bus import SpiBus
 from hiltest.virtual.peripherals.stm32.block import Block, BlockPage, UnmodelledBlock
 from hiltest.virtual.peripherals.stm32.gpio import PINS, Gpio
+from hiltest.virtual.peripherals.stm32.i2c import I2c
 from hiltest.virtual.peripherals.stm32.rcc import ResetAndClocks
 from hiltest.virtual.peripherals.stm32.timer import Timer
 from hiltest.virtual.peripherals.stm32.usart import Usart
@@ -36,6 +37,7 @@ from hiltest.virtual.program.elf import FirmwareImage, LoadSegment
 _PIN = re.compile(r"P([A-K])(0|[1-9][0-9]?)")
 _PAGE_BITS = 12
 _MEGA = 1_000_000
+_MOST_BUSES = 10  # of one kind, from number 0 on
 #: Lists of registers whose blocks only store: voltage scaling is ready at once, and wait states are those of the part.
 _STORED = {"power", "flash"}
 
@@ -45,6 +47,11 @@ class _Seed:
     """Seed of a chip without a random number generator."""
 
     seed: int = 0
+
+
+def _buses_of(machine: MachineFile, kind: str) -> list[str]:
+    """Return the names of buses, such as ``i2c1``, that blocks with a list of registers drive."""
+    return [name.lower() for name, block in machine.blocks.items() if block.registers == kind]
 
 
 class DescribedChip(Restorable):
@@ -58,11 +65,12 @@ class DescribedChip(Restorable):
     """
 
     watchdog_resets = 0
-    i2c_buses: tuple[I2cBus, ...] = ()
     spi_buses: tuple[SpiBus, ...] = ()
 
-    def __init__(self, processor: Processor, machine: MachineFile) -> None:
+    def __init__(self, processor: Processor, machine: MachineFile, i2c: Mapping[str, Sequence[I2cDevice]]) -> None:
         self._processor, self._machine = processor, machine
+        self._buses = {name: I2cBus(i2c.get(name, ())) for name in _buses_of(machine, "i2c")}
+        self.i2c_buses = tuple(self._buses.get(f"i2c{number}", I2cBus(())) for number in range(_MOST_BUSES))
         processor.core.interrupts = machine.interrupts
         tables = machine.chip()
         modules = {module.name: module for module in tables.peripherals}
@@ -102,13 +110,16 @@ class DescribedChip(Restorable):
             return Usart(processor, module, clocks.pclk1 if is_slow else clocks.pclk2, clocks.time)
         if table.registers == "timer":
             return Timer(processor, module, clocks.timers1 if is_slow else clocks.timers2, table.bits)
+        if table.registers == "i2c":
+            bus = self._buses[module.name.lower()]
+            return I2c(processor, module, bus, clocks.pclk1, clocks.time)
         if table.registers in _STORED:
             return Block(processor, module)
         return UnmodelledBlock(processor, module, self.unmodelled)
 
     def parts(self) -> list[HasState]:
         """Return the blocks with their bus, and the event queue."""
-        return [*self._peripherals, self.bus, self._processor.schedule, self.unmodelled]
+        return [*self._peripherals, self.bus, self._processor.schedule, self.unmodelled, *self._buses.values()]
 
     def power_on(self, segments: Iterable[LoadSegment]) -> None:
         """Write the words that the factory has programmed."""
@@ -167,13 +178,15 @@ class DescribedMachine(VirtualMachine):
         Name of a shipped machine, or a file (``.toml``).
     elf
         File, or its content: firmware linked for the chip.
+    i2c
+        Parts by the name of their bus, such as ``i2c1``.
     profile
         Timing profile; by default that of the part at its highest clock.
 
     Raises
     ------
     ConfigError
-        If there is no such machine, or the image is not for its core or memories.
+        If there is no such machine or bus, or the image is not for its core or memories.
     """
 
     _chip: DescribedChip
@@ -183,12 +196,17 @@ class DescribedMachine(VirtualMachine):
         machine: str,
         elf: str | Path | bytes | FirmwareImage,
         *,
+        i2c: Mapping[str, Sequence[I2cDevice]] | None = None,
         profile: str | TimingProfile | None = None,
     ) -> None:
         table = load_machine(machine)
+        for bus, parts in (i2c or {}).items():
+            if parts and bus not in _buses_of(table, "i2c"):
+                buses = ", ".join(_buses_of(table, "i2c"))
+                raise ConfigError(f"the {table.title} has no bus {bus}; known: {buses}")
 
         def chip(processor: Processor) -> DescribedChip:
-            self._chip = DescribedChip(processor, table)
+            self._chip = DescribedChip(processor, table, i2c or {})
             return self._chip
 
         timing = load_part(table.part).timing() if profile is None else profile

@@ -56,6 +56,18 @@ void write_by_bytes(struct machine *machine, struct device *device, uint32_t off
 /* `read` of devices with registers of one word. */
 uint32_t read_by_words(struct machine *machine, struct device *device, uint32_t offset, uint32_t size);
 
+/* An I2C master, as the first member of its own structure. */
+struct i2c_master {
+    struct device device;
+    struct machine_i2c connections;
+    struct hold {
+        int64_t begin, end;
+    } holds[2]; /* by enum i2c_wire: time for which a wire is pulled low [ps]; both are 0 if it is not */
+};
+/* i2c.c: let the parts on the wires do an operation; return whether a wire is pulled low. */
+uint8_t ask_wires(struct machine *machine, const struct i2c_master *master, int32_t operation, uint8_t value);
+bool is_held(const struct machine *machine, const struct i2c_master *master, int32_t wire);
+
 /* pit.c: select the channels, one bit each, whose expiries trigger DMA channels. */
 void select_triggers(struct machine *machine, uint32_t base, uint32_t channels);
 /* dma.c: pass one request of a channel that is gated by its timer. */

@@ -340,12 +340,14 @@ enum i2c_operation { I2C_ADDRESS, I2C_WRITE, I2C_READ, I2C_STOP };
 enum i2c_wire { I2C_SDA, I2C_SCL };
 typedef uint32_t (*machine_i2c_ask)(void *context, int32_t operation, uint32_t value, int64_t time);
 struct machine_i2c {
-    int32_t interrupt, request; /* numbers of its external interrupt and of its source of DMA requests */
+    int32_t interrupt, error_interrupt; /* the same one on Kinetis parts */
+    int32_t request; /* number of its source of DMA requests, on Kinetis parts */
     int32_t clock, time;
     machine_i2c_ask ask;
     void *context;
 };
 bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections);
+bool machine_add_stm32_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections);
 /* Pull a wire low from one time to another, which may be INT64_MAX. */
 void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end);
 
