@@ -30,7 +30,7 @@ void main(void);
 __attribute__((weak)) void handle(void); /* 0 in a program without it */
 __attribute__((section(".vectors"), used)) void *const vectors[102] = {
     (void *)0x20020000, main, handle, handle, handle, handle, handle, [11] = handle, [14] = handle, [15] = handle,
-    [16 + 28] = handle, [16 + 38] = handle,
+    [16 + 17] = handle, [16 + 28] = handle, [16 + 38] = handle,
 };
 /* 96 MHz of the crystal: 8 MHz / 8 * 192 / 2, APB1 by 2. */
 static inline void begin_clocks(void)
@@ -170,9 +170,9 @@ def test_a_block_without_its_clock_reads_as_zero_and_is_named(board: Run) -> Non
 
 
 def test_a_block_without_a_model_is_named(board: Run) -> None:
-    machine = board("void main(void) { RCC(0x44) = 1 << 12; R(0x40013000) = 4; for (;;) {} }")
+    machine = board("void main(void) { RCC(0x44) = 1 << 8; R(0x40012000) = 4; for (;;) {} }")
     machine.run_until(0.001)
-    assert "SPI1_CR1 at 0x40013000 is not modelled; write of 0x00000004" in str(machine.unmodelled[0])
+    assert "ADC1+0x000 at 0x40012000 is not modelled; write of 0x00000004" in str(machine.unmodelled[0])
 
 
 def test_flash_is_seen_at_address_0_and_the_identity_in_system_memory(board: Run) -> None:
@@ -214,3 +214,42 @@ def test_timers_count_twice_the_clock_of_a_divided_bus_and_four_times_with_timpr
     )
     machine.run_until(0.01)
     assert float(machine.clocks.timers1.hz) == timers_mhz * 1e6
+
+
+def test_an_erased_and_programmed_word_is_read_back_and_the_core_stops_meanwhile(board: Run) -> None:
+    machine = board(
+        "#define FLASH(offset) R(0x40023C00 + (offset))\n"
+        "void main(void) { begin_clocks(); begin_microseconds(); FLASH(4) = 0x45670123; FLASH(4) = 0xCDEF89AB;"
+        " R(0x08060000) = 0; seen[4] = FLASH(0xC); FLASH(0xC) = 0xF0;"  # PG is not set: a sequence error
+        " FLASH(0x10) = 2 << 8 | 2 | 7 << 3; uint32_t begin = TIM2(0x24); FLASH(0x10) |= 1 << 16;"
+        " while (FLASH(0xC) & 1 << 16) seen[3]++; seen[0] = (TIM2(0x24) - begin) / 1000; FLASH(0x10) = 2 << 8 | 1;"
+        " R(0x08060000) = 0x12345678; seen[1] = R(0x08060000); R(0x08060000) = 0xFFFF0000; seen[2] = R(0x60000);"
+        " for (;;) {} }"
+    )
+    machine.run_until(1.1)
+    assert seen(machine)[:5] == (1000, 0x12345678, 0x12340000, 0, 0x80)
+
+
+def test_the_stores_of_a_locked_flash_change_nothing(board: Run) -> None:
+    machine = board(
+        "#define FLASH(offset) R(0x40023C00 + (offset))\n"
+        "void main(void) { FLASH(4) = 1; FLASH(4) = 0x45670123; FLASH(4) = 0xCDEF89AB; FLASH(0x10) = 1 | 2 << 8;"
+        " seen[0] = FLASH(0x10); R(0x08060000) = 7; seen[1] = R(0x08060000); seen[2] = FLASH(0xC); for (;;) {} }"
+    )
+    machine.run_until(0.001)
+    assert seen(machine)[:3] == (0x80000000, 0xFFFFFFFF, 0x80)  # a wrong key locks until the next reset
+
+
+def test_dma_sends_a_line_and_interrupts_at_its_half_and_at_its_end(board: Run) -> None:
+    machine = board(
+        "#define DMA1(offset) R(0x40026000 + (offset))\n"
+        'static const char LINE[] = "compass\\n";'
+        "void handle(void) { seen[seen[0] + 1] = DMA1(0x04); DMA1(0x0C) = 0x3D << 16; seen[0]++; }"
+        "void main(void) { begin_clocks(); begin_serial(); RCC(0x30) |= 1 << 21; USART2(0x14) = 0x80;"
+        " DMA1(0xA8) = 0x40004404; DMA1(0xAC) = (uint32_t)LINE; DMA1(0xA4) = 8; R(0xE000E100) = 1 << 17;"
+        " DMA1(0xA0) = 4 << 25 | 1 << 10 | 1 << 6 | 0x1F; for (;;) {} }"
+    )
+    machine.run_until(0.01)
+    assert machine.uart0.host_read(20) == b"compass\n"
+    assert seen(machine)[:3] == (2, 1 << 20, 1 << 21)
+    assert machine.bus.read(0x400260A0, 4) & 1 == 0  # the stream has ended

@@ -13,6 +13,7 @@ from hiltest.virtual.peripherals.i2c_bus import HeldLine
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, World
 from hiltest.world.sensors import SensorSetup
+from hiltest.world.sensors.lis3mdl import Lis3mdl
 from hiltest.world.sensors.lsm303agr_m import Lsm303agrM
 
 FLASH, SRAM = 0x08000000, 0x20000000
@@ -36,7 +37,10 @@ class Chip:
 
     def __init__(self) -> None:
         self.part = Lsm303agrM(SensorSetup(World(EarthField(48.5, 62.0))))
-        self.board = DescribedMachine("stm32f411-disco", load_image(LOOP, base=FLASH), i2c={"i2c1": [self.part]})
+        self.far = Lis3mdl(SensorSetup(World(EarthField(48.5, 62.0))))
+        self.board = DescribedMachine(
+            "stm32f411-disco", load_image(LOOP, base=FLASH), i2c={"i2c1": [self.part]}, spi={"spi1": {"PE3": self.far}}
+        )
         self.board.boot()
         self.board.run_until(0.02)  # the part boots
         for gates, bits in ((0x30, 0x60009F), (0x40, 0x220001), (0x44, 0x5000)):
@@ -232,5 +236,141 @@ def test_modes_of_i2c_without_a_model_are_named(chip: Chip) -> None:
 
 def test_a_bus_that_the_chip_does_not_have_is_refused() -> None:
     part = Lsm303agrM(SensorSetup(World(EarthField(48.5, 62.0))))
-    with pytest.raises(ConfigError, match=r"has no bus i2c0; known: i2c1, i2c2, i2c3"):
+    with pytest.raises(ConfigError, match=r"has no bus i2c0; known: i2c1, i2c2, i2c3, spi1"):
         DescribedMachine("stm32f411-disco", load_image(LOOP, base=FLASH), i2c={"i2c0": [part]})
+
+
+# -- SPI -----------------------------------------------------------------------------------------------------------
+
+SPI1, GPIOE = 0x40013000, 0x40021000
+SPI_CR1, SPI_CR2, SPI_SR, SPI_DR = (SPI1 + 4 * word for word in range(4))
+MASTER = 1 << 9 | 1 << 8 | 1 << 2  # SSM, SSI, MSTR: the fastest clock
+ENABLED, SPI_RXNE, SPI_TXE, MODF, OVR, BSY = 1 << 6, 1, 2, 1 << 5, 1 << 6, 1 << 7
+
+
+def select(chip: Chip, is_selected: bool) -> None:
+    """Drive the chip select PE3 low or high."""
+    chip[GPIOE] = chip[GPIOE] & ~0xC0 | 0x40
+    chip[GPIOE + 0x18] = 1 << (19 if is_selected else 3)
+
+
+def exchange(chip: Chip, frame: int, us: float = 2) -> int:
+    chip[SPI_DR] = frame
+    chip.wait_us(us)
+    return chip[SPI_DR]
+
+
+def test_a_selected_part_answers_with_its_identity(chip: Chip) -> None:
+    chip[SPI_CR1] = MASTER | ENABLED
+    assert [exchange(chip, value) for value in (0x8F, 0)] == [0xFF, 0xFF]  # nobody is selected
+    select(chip, True)
+    assert [exchange(chip, value) for value in (0x8F, 0)][1] == 0x3D
+    select(chip, False)
+    select(chip, True)
+    chip[SPI_CR1] = MASTER | 1 << 11
+    chip[SPI_CR1] |= ENABLED
+    assert exchange(chip, 0x8F00) & 0xFF == 0x3D
+
+
+@pytest.mark.parametrize(("rate", "us"), [(0, 1.0), (3, 8.0), (7, 128.0)])
+def test_a_frame_takes_its_bits_and_is_busy_meanwhile(chip: Chip, rate: int, us: float) -> None:
+    chip[SPI_CR1] = MASTER | rate << 3 | ENABLED
+    chip[SPI_DR] = 0
+    assert chip[SPI_SR] == SPI_TXE | BSY
+    chip[SPI_DR] = 0
+    assert chip[SPI_SR] == BSY
+    chip.wait_us(us + 0.2)
+    assert chip[SPI_SR] == SPI_TXE | BSY | SPI_RXNE
+    chip.wait_us(us)
+    assert chip[SPI_SR] == SPI_TXE | SPI_RXNE | OVR
+    assert (chip[SPI_DR], chip[SPI_SR]) == (0xFF, SPI_TXE | OVR)  # DR and then SR clear the overrun
+    assert chip[SPI_SR] == SPI_TXE
+
+
+def test_a_master_whose_select_is_low_has_a_mode_fault(chip: Chip) -> None:
+    chip[SPI_CR2] = 1 << 5
+    chip[SPI_CR1] = 1 << 9 | 1 << 2
+    assert (chip[SPI_CR1], chip.interrupts()) == (1 << 9, {35})
+    assert chip[SPI_SR] & MODF
+    chip[SPI_CR1] = MASTER
+    assert (chip[SPI_SR], chip.interrupts()) == (SPI_TXE, set())
+
+
+def test_dma_exchanges_the_bytes_of_an_spi_transfer(chip: Chip) -> None:
+    dma2, receive, send = 0x40026400, 0x10, 0x10 + 3 * 0x18
+    chip.board.processor.memory.write(SRAM, bytes([0x8F, 0, 0, 0, 9, 9]))
+    chip[SPI_CR1] = MASTER | ENABLED
+    select(chip, True)
+    for stream, control, memory in ((receive, 1 << 10 | 1, SRAM + 4), (send, 1 << 10 | 1 << 6 | 1, SRAM)):
+        chip[dma2 + stream + 4] = 2
+        chip[dma2 + stream + 8] = SPI_DR
+        chip[dma2 + stream + 12] = memory
+        chip[dma2 + stream] = 3 << 25 | control
+    chip[SPI_CR2] = 3
+    chip.wait_us(10)
+    assert chip.board.processor.memory.read(SRAM + 4, 2)[1] == 0x3D
+    assert chip[dma2] == 1 << 5 | 1 << 4 | 1 << 27 | 1 << 26  # both streams are half and completely done
+
+
+# -- DMA, pins, flash ------------------------------------------------------------------------------------------------
+
+DMA1, STREAM2 = 0x40026000, 0x10 + 2 * 0x18
+
+
+def test_a_copy_in_memory_takes_time_and_then_has_all_words(chip: Chip) -> None:
+    words = list(range(0x1000, 0x1010))
+    chip.board.processor.memory.write_words(SRAM, words)
+    for offset, value in ((8, SRAM), (12, SRAM + 0x100), (4, len(words))):
+        chip[DMA1 + STREAM2 + offset] = value
+    chip[DMA1 + STREAM2] = 2 << 13 | 2 << 11 | 3 << 9 | 2 << 6 | 1 << 4 | 1
+    assert chip.board.processor.memory.read_words(SRAM + 0x100, 1) == (0,)
+    chip.wait_us(5)
+    assert chip.board.processor.memory.read_words(SRAM + 0x100, 16) == tuple(words)
+    assert (chip[DMA1] >> 16, chip.interrupts()) == (0x30, {13})
+
+
+def test_a_transfer_from_where_nothing_is_ends_with_its_error(chip: Chip) -> None:
+    for offset, value in ((8, 0x10000000), (12, SRAM), (4, 1)):
+        chip[DMA1 + STREAM2 + offset] = value
+    chip[DMA1 + STREAM2] = 2 << 6 | 1 << 2 | 1
+    chip.wait_us(5)
+    assert (chip[DMA1] >> 16, chip[DMA1 + STREAM2] & 1, chip.interrupts()) == (1 << 3, 0, {13})
+
+
+EXTI, SYSCFG = 0x40013C00, 0x40013800
+
+
+@pytest.mark.parametrize(("pin", "line", "interrupt"), [("PE2", 2, 8), ("PE5", 5, 23), ("PD15", 15, 40)])
+def test_the_selected_edge_of_the_selected_pin_interrupts_until_it_is_cleared(
+    chip: Chip, pin: str, line: int, interrupt: int
+) -> None:
+    port = ord(pin[1]) - ord("A")
+    chip[SYSCFG + 8 + line // 4 * 4] = port << line % 4 * 4
+    chip[EXTI + 0x08] = chip[EXTI] = 1 << line
+    chip.board.drive(f"P{'BA'[port != 0]}{line}", True)  # the same number, another port
+    assert chip.interrupts() == set()
+    chip.board.drive(pin, True)
+    assert (chip[EXTI + 0x14], chip.interrupts()) == (1 << line, {interrupt})
+    chip[EXTI + 0x14] = 1 << line
+    chip.board.drive(pin, False)
+    assert (chip[EXTI + 0x14], chip.interrupts()) == (0, set())
+
+
+def test_the_data_ready_pin_of_a_sensor_interrupts_at_each_sample(chip: Chip) -> None:
+    chip.board.connect_interrupts("i2c1", chip.part, {"INT_MAG": "PE2"})
+    chip[SYSCFG + 8] = 4 << 8
+    chip[EXTI + 0x08] = chip[EXTI] = 1 << 2
+    Master(chip).write(0x60 | 0x80, 0, 0, 1)  # 10 samples a second, and their signal on the pin
+    chip.wait_us(200_000)
+    assert chip.interrupts() == {8}
+
+
+def test_a_store_of_another_size_than_that_of_the_controller_is_an_error_of_parallelism(chip: Chip) -> None:
+    flash, program = 0x40023C00, chip.board.bus.store_in_flash
+    assert program is not None
+    for offset, value in ((4, 0x45670123), (4, 0xCDEF89AB), (0x10, 1 | 1 << 8)):
+        chip[flash + offset] = value
+    program(FLASH + 0x60000, 4, 0)
+    assert chip[flash + 0x0C] == 1 << 6
+    program(FLASH + 0x60002, 2, 0xABCD)
+    assert chip.board.processor.memory.read_words(FLASH + 0x60000, 1) == (0xABCDFFFF,)

@@ -224,7 +224,7 @@ class VirtualBench:
             image = load_image(self.firmware, base=base, core="cortex-m0")
             return VirtualMicrobit(image, i2c=i2c["i2c0"], profile=profile)
         if rig.board.machine not in (None, "frdm-k64f"):
-            return self._make_described_machine(i2c, base=base, flash_file=flash_file)
+            return self._make_described_machine(i2c, spi, base=base, flash_file=flash_file)
         return VirtualK64F(
             load_image(self.firmware, base=base),
             i2c0=i2c["i2c0"],
@@ -239,7 +239,12 @@ class VirtualBench:
         )
 
     def _make_described_machine(
-        self, i2c: Mapping[str, Sequence[RegisterDevice | FaultyPart]], *, base: int | None, flash_file: Path | None
+        self,
+        i2c: Mapping[str, Sequence[RegisterDevice | FaultyPart]],
+        spi: Mapping[str, Mapping[str, RegisterDevice | FaultyPart]],
+        *,
+        base: int | None,
+        flash_file: Path | None,
     ) -> VirtualMachine:
         """Make the board of a machine file; the path of a file is relative to the rig's."""
         rig, name = self.rig, str(self.rig.board.machine)
@@ -247,7 +252,7 @@ class VirtualBench:
             raise ConfigError(f"{flash_file}: the virtual {name} stores no flash in a file; omit it")
         machine = str(rig.path.parent / name) if name.endswith(SUFFIX) else name
         profile = _timing_profile(rig) if rig.board.timing else None
-        return DescribedMachine(machine, load_image(self.firmware, base=base), i2c=i2c, profile=profile)
+        return DescribedMachine(machine, load_image(self.firmware, base=base), i2c=i2c, spi=spi, profile=profile)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualMachine.snapshot`."""

@@ -14,6 +14,7 @@ from hiltest.state import HasState, Restorable
 from hiltest.virtual.board.bare_part import private_peripherals
 from hiltest.virtual.board.leds_and_buttons import LedsAndButtons
 from hiltest.virtual.board.virtual_machine import VirtualMachine
+from hiltest.virtual.core.library import lib
 from hiltest.virtual.model.timing import TimingProfile
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.part.machine_file import Block as BlockTable
@@ -23,11 +24,15 @@ from hiltest.virtual.peripherals.bus import Peripheral, PeripheralBus
 from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.i2c_bus import I2cBus, I2cDevice
 from hiltest.virtual.peripherals.rcm import ResetSource
-from hiltest.virtual.peripherals.spi_bus import SpiBus
+from hiltest.virtual.peripherals.spi_bus import SpiBus, SpiDevice
 from hiltest.virtual.peripherals.stm32.block import Block, BlockPage, UnmodelledBlock
+from hiltest.virtual.peripherals.stm32.dma import Dma
+from hiltest.virtual.peripherals.stm32.exti import PinInterrupts, PinSelection
+from hiltest.virtual.peripherals.stm32.flash import FlashControl
 from hiltest.virtual.peripherals.stm32.gpio import PINS, Gpio
 from hiltest.virtual.peripherals.stm32.i2c import I2c
 from hiltest.virtual.peripherals.stm32.rcc import ResetAndClocks
+from hiltest.virtual.peripherals.stm32.spi import Spi
 from hiltest.virtual.peripherals.stm32.timer import Timer
 from hiltest.virtual.peripherals.stm32.usart import Usart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
@@ -38,8 +43,8 @@ _PIN = re.compile(r"P([A-K])(0|[1-9][0-9]?)")
 _PAGE_BITS = 12
 _MEGA = 1_000_000
 _MOST_BUSES = 10  # of one kind, from number 0 on
-#: Lists of registers whose blocks only store: voltage scaling is ready at once, and wait states are those of the part.
-_STORED = {"power", "flash"}
+#: Lists of registers whose blocks only store: voltage scaling is ready at once.
+_STORED = {"power"}
 
 
 @dataclass(slots=True)
@@ -49,9 +54,9 @@ class _Seed:
     seed: int = 0
 
 
-def _buses_of(machine: MachineFile, kind: str) -> list[str]:
-    """Return the names of buses, such as ``i2c1``, that blocks with a list of registers drive."""
-    return [name.lower() for name, block in machine.blocks.items() if block.registers == kind]
+def _buses_of(machine: MachineFile, *kinds: str) -> list[str]:
+    """Return the names of buses, such as ``i2c1``, that blocks with one of these lists of registers drive."""
+    return sorted(name.lower() for name, block in machine.blocks.items() if block.registers in kinds)
 
 
 class DescribedChip(Restorable):
@@ -67,10 +72,18 @@ class DescribedChip(Restorable):
     watchdog_resets = 0
     spi_buses: tuple[SpiBus, ...] = ()
 
-    def __init__(self, processor: Processor, machine: MachineFile, i2c: Mapping[str, Sequence[I2cDevice]]) -> None:
+    def __init__(
+        self,
+        processor: Processor,
+        machine: MachineFile,
+        i2c: Mapping[str, Sequence[I2cDevice]],
+        spi: Mapping[str, Mapping[str, SpiDevice]],
+    ) -> None:
         self._processor, self._machine = processor, machine
-        self._buses = {name: I2cBus(i2c.get(name, ())) for name in _buses_of(machine, "i2c")}
-        self.i2c_buses = tuple(self._buses.get(f"i2c{number}", I2cBus(())) for number in range(_MOST_BUSES))
+        self._i2c = {name: I2cBus(i2c.get(name, ())) for name in _buses_of(machine, "i2c")}
+        self._spi = {name: SpiBus(spi.get(name, {})) for name in _buses_of(machine, "spi")}
+        self.i2c_buses = tuple(self._i2c.get(f"i2c{number}", I2cBus(())) for number in range(_MOST_BUSES))
+        self.spi_buses = tuple(self._spi.get(f"spi{number}", SpiBus({})) for number in range(_MOST_BUSES))
         processor.core.interrupts = machine.interrupts
         tables = machine.chip()
         modules = {module.name: module for module in tables.peripherals}
@@ -97,29 +110,71 @@ class DescribedChip(Restorable):
             control,
         ]
         self.bus = PeripheralBus(processor, self._peripherals, tables.register_name)
+        self._connect(list(blocks.values()))
+
+    def _connect(self, blocks: list[Block | CoreDevice]) -> None:
+        """Connect blocks with each other, and the chip selects of parts."""
+        for block in blocks:
+            if isinstance(block, PinInterrupts):
+                for port in self._ports.values():
+                    block.connect(port)
+            elif isinstance(block, FlashControl):
+                lib.machine_pass_flash_stores(self._processor.machine.handle)
+                self.bus.store_in_flash = block.program
+        for bus in self._spi.values():
+            for name in bus.devices:
+                port, number = self.pin(name)
+                port.on_change.append(partial(self._follow_select, bus, name, 1 << number))
+                port.drive(number, True)  # a pull-up
+
+    def _follow_select(self, bus: SpiBus, name: str, pin: int, rose: int, fell: int) -> None:
+        if (rose | fell) & pin:
+            bus.set_select(name, bool(rose & pin), self.clocks.time_s())
 
     def _model(self, module: ChipPeripheral, table: BlockTable) -> Block | CoreDevice:
         """Return the model of a block, which its list of registers selects."""
         processor, clocks = self._processor, self.clocks
         is_slow = table.gate.startswith("APB1")
+        bus_clock = clocks.pclk1 if is_slow else clocks.pclk2
         if table.registers == "rcc":
             return clocks
         if table.registers == "gpio":
             return Gpio(processor, module)
         if table.registers == "usart":
-            return Usart(processor, module, clocks.pclk1 if is_slow else clocks.pclk2, clocks.time)
+            return Usart(processor, module, bus_clock, clocks.time)
         if table.registers == "timer":
             return Timer(processor, module, clocks.timers1 if is_slow else clocks.timers2, table.bits)
         if table.registers == "i2c":
-            bus = self._buses[module.name.lower()]
-            return I2c(processor, module, bus, clocks.pclk1, clocks.time)
+            return I2c(processor, module, self._i2c[module.name.lower()], bus_clock, clocks.time)
+        if table.registers == "spi":
+            return Spi(processor, module, self._spi[module.name.lower()], bus_clock, clocks.time, self.unmodelled)
+        if table.registers == "syscfg":
+            self._selection = PinSelection(processor, module, self.unmodelled)
+            return self._selection
+        if table.registers == "exti":
+            return PinInterrupts(processor, module, self._selection, self.unmodelled)
+        if table.registers == "dma":
+            return Dma(processor, module, clocks.core, self._machine.sources(module.name))
+        if table.registers == "flash":
+            memory = next(memory for memory in self._machine.memories if memory.sectors_kib)
+            return FlashControl(
+                processor, module, begin=memory.begin, sectors_kib=[*memory.sectors_kib], time=clocks.time,
+                log=self.unmodelled,
+            )  # fmt: skip
         if table.registers in _STORED:
             return Block(processor, module)
         return UnmodelledBlock(processor, module, self.unmodelled)
 
     def parts(self) -> list[HasState]:
         """Return the blocks with their bus, and the event queue."""
-        return [*self._peripherals, self.bus, self._processor.schedule, self.unmodelled, *self._buses.values()]
+        return [
+            *self._peripherals,
+            self.bus,
+            self._processor.schedule,
+            self.unmodelled,
+            *self._i2c.values(),
+            *self._spi.values(),
+        ]
 
     def power_on(self, segments: Iterable[LoadSegment]) -> None:
         """Write the words that the factory has programmed."""
@@ -180,6 +235,8 @@ class DescribedMachine(VirtualMachine):
         File, or its content: firmware linked for the chip.
     i2c
         Parts by the name of their bus, such as ``i2c1``.
+    spi
+        Parts by the name of their bus, such as ``spi1``, and the pin of their chip select.
     profile
         Timing profile; by default that of the part at its highest clock.
 
@@ -197,16 +254,17 @@ class DescribedMachine(VirtualMachine):
         elf: str | Path | bytes | FirmwareImage,
         *,
         i2c: Mapping[str, Sequence[I2cDevice]] | None = None,
+        spi: Mapping[str, Mapping[str, SpiDevice]] | None = None,
         profile: str | TimingProfile | None = None,
     ) -> None:
         table = load_machine(machine)
-        for bus, parts in (i2c or {}).items():
-            if parts and bus not in _buses_of(table, "i2c"):
-                buses = ", ".join(_buses_of(table, "i2c"))
-                raise ConfigError(f"the {table.title} has no bus {bus}; known: {buses}")
+        for bus, parts in {**(i2c or {}), **(spi or {})}.items():
+            buses = _buses_of(table, "i2c", "spi")
+            if parts and bus not in buses:
+                raise ConfigError(f"the {table.title} has no bus {bus}; known: {', '.join(buses)}")
 
         def chip(processor: Processor) -> DescribedChip:
-            self._chip = DescribedChip(processor, table, i2c or {})
+            self._chip = DescribedChip(processor, table, i2c or {}, spi or {})
             return self._chip
 
         timing = load_part(table.part).timing() if profile is None else profile

@@ -302,7 +302,8 @@ void machine_reset_device(struct machine *machine, uint32_t base);
 uint32_t machine_read_device(struct machine *machine, uint32_t address, uint32_t size);
 void machine_write_device(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
 
-/* UARTs with FIFOs of 8 bytes or 1 byte (`depth`): `clock` is the module's, `time` counts picoseconds. */
+/* UARTs with FIFOs of 8 bytes or 1 byte (`depth`): `clock` is the module's, `time` counts picoseconds. Those of STM32F4
+ * parts have no FIFOs, and one interrupt. */
 struct machine_uart {
     int32_t depth;
     int32_t status_interrupt, error_interrupt;
@@ -310,6 +311,7 @@ struct machine_uart {
     int32_t clock, time;
 };
 bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uart connections);
+bool machine_add_stm32_usart(struct machine *machine, uint32_t base, struct machine_uart connections);
 /* Set the host's rate, and the duration of a byte at that rate. */
 void machine_set_line_baud(struct machine *machine, uint32_t base, double baud, int64_t byte_ps);
 /* Return the rate that the firmware has set up; 0 if it has not. */
@@ -464,7 +466,15 @@ struct machine_dma {
     int32_t interrupts[17];
 };
 bool machine_add_dma(struct machine *machine, struct machine_dma connections);
-/* Set the level of a source of DMA requests. */
+/* DMA controller of STM32F4 parts, whose clock moves items from memory to memory; at most two. A stream with channel c
+ * serves source 8 * stream + c of the list; -1 is none. */
+struct machine_stm32_dma {
+    int32_t interrupts[8];
+    int32_t clock;
+    int32_t sources[64];
+};
+bool machine_add_stm32_dma(struct machine *machine, uint32_t base, struct machine_stm32_dma connections);
+/* Set the level of a source of DMA requests, 0 to 63. */
 void machine_set_request(struct machine *machine, int32_t source, bool level);
 
 /* Run until there is a reason to stop, which is returned (enum stop_reason). Pending exceptions are taken between

@@ -27,6 +27,7 @@ class _Memory:
     begin: Annotated[int, Field(ge=0, lt=1 << 32, multiple_of=4096)]
     kib: Annotated[int, Field(ge=4, le=1 << 16)]
     alias: _Address | None = None
+    sectors_kib: list[Literal[16, 64, 128]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,8 @@ class Block:
         Name of the list of its registers, which also selects its model; empty for a block without a model.
     gate : str
         Register and bit of RCC that enables its clock, such as ``APB1ENR.17``; empty if its clock always runs.
+    requests : dict of str to str
+        Requests that it serves as a DMA controller, such as ``USART2_TX``, with streams and channels such as ``6.4``.
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
@@ -55,6 +58,7 @@ class Block:
     interrupts: list[int] = field(default_factory=list)
     bits: Literal[16, 32] = 16
     reset: dict[str, _Address] = field(default_factory=dict)
+    requests: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +103,17 @@ class MachineFile:
         """Return the blocks with the names of their registers."""
         return Chip(tuple(self._peripheral(name, block) for name, block in self.blocks.items()), ())
 
+    def sources(self, name: str) -> dict[str, int]:
+        """Return the numbers of the requests that a DMA controller serves, by stream and channel."""
+        numbers = self._request_numbers
+        requests = self.blocks[name].requests.items()
+        return {place: numbers[request] for request, places in requests for place in places.split()}
+
+    @property
+    def _request_numbers(self) -> dict[str, int]:
+        names = (request for block in self.blocks.values() for request in block.requests)
+        return {request: number for number, request in enumerate(names)}
+
     def _peripheral(self, name: str, block: Block) -> ChipPeripheral:
         words = enumerate(self.registers.get(block.registers, "").split())
         registers = tuple(
@@ -106,7 +121,9 @@ class MachineFile:
             for number, word in words
             if word != "-"
         )
-        return ChipPeripheral(name, block.base, _BLOCK_BYTES, (), registers, tuple(block.interrupts), ())
+        numbers = self._request_numbers
+        requests = tuple(numbers[f"{name}_{end}"] for end in ("RX", "TX") if f"{name}_{end}" in numbers)
+        return ChipPeripheral(name, block.base, _BLOCK_BYTES, (), registers, tuple(block.interrupts), requests)
 
 
 def load_machine(name: str) -> MachineFile:

@@ -25,7 +25,6 @@ class Block(StoredRegisters):
 
     def __init__(self, processor: Processor, module: ChipPeripheral) -> None:
         self.processor, self.module = processor, module
-        self.size = module.size
         initial = {
             register.address - module.base + byte: register.reset >> 8 * byte & 0xFF
             for register in module.registers

@@ -29,6 +29,7 @@ class Gpio(Block):
 
     def reset(self) -> None:
         super().reset()
+        self._read_settings()
         self._settle()
 
     @property
@@ -47,12 +48,16 @@ class Gpio(Block):
         word = self.word(register)
         return sum(1 << pin for pin in range(PINS) if word >> 2 * pin & 3 == value)
 
+    def _read_settings(self) -> None:
+        self._outputs, self._analog = (self._pins_with(_MODER, mode) for mode in (_OUTPUT, _ANALOG))
+        self._pulled_up = self._pins_with(_PUPDR, _PULL_UP)
+
     def _settle(self) -> None:
-        out, outputs = self.word(_ODR), self._pins_with(_MODER, _OUTPUT)
-        driven = outputs & ~(self.word(_OTYPER) & out)  # a high output with open drain drives nothing
-        undriven = self._outside & self._outside_high | ~self._outside & self._pins_with(_PUPDR, _PULL_UP)
+        out = self.word(_ODR)
+        driven = self._outputs & ~(self.word(_OTYPER) & out)  # a high output with open drain drives nothing
+        undriven = self._outside & self._outside_high | ~self._outside & self._pulled_up
         before, levels = self._levels, out & driven | undriven & ~driven
-        self._levels = levels & ~self._pins_with(_MODER, _ANALOG) & 0xFFFF
+        self._levels = levels & ~self._analog & 0xFFFF
         rose, fell = self._levels & ~before, before & ~self._levels
         if rose or fell:
             for listener in self.on_change:
@@ -68,4 +73,5 @@ class Gpio(Block):
             self.change_word(_ODR, clear=value >> 16, put=value & 0xFFFF)
         elif offset != _IDR:
             super().write_word(offset, value, mask)
+            self._read_settings()
         self._settle()
