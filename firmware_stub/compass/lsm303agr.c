@@ -5,13 +5,12 @@
 
 #define BUS 0u
 #define NEXT 0x80u /* the address moves on */
-#define NEW_DATA 0x08u
 
 #define MAGNETOMETER 0x1Eu
 #define WHO_AM_I_M 0x4Fu
 #define IDENTITY_M 0x40u
 #define CFG_REG_A_M 0x60u
-#define STATUS_REG_M 0x67u    /* the data follow it */
+#define OUTX_L_REG_M 0x68u
 #define UT_PER_COUNT_M 0.15f
 #define LONGEST_WAIT_US 50000u /* five samples */
 
@@ -20,7 +19,7 @@
 #define IDENTITY_A 0x33u
 #define CTRL_REG1_A 0x20u
 #define OUT_X_L_A 0x28u
-#define COUNTS_PER_G 16384.0f /* left-justified words of 12 bits, at 2 g; +1 g on an axis that points up */
+#define G_PER_COUNT (0.00098f / 16.0f) /* left-justified words of 12 bits, at 2 g; +1 g on an axis that points up */
 
 /* The compass points where x does, with z up: y is left then. Both dies have these axes. */
 static int16_t word(const uint8_t bytes[2])
@@ -44,14 +43,13 @@ static bool lsm303agr_magnetometer_set_up(void)
 
 static bool lsm303agr_magnetometer_read(float field_ut[3])
 {
-    uint8_t bytes[7];
-    if (!data_ready_wait(LONGEST_WAIT_US) || i2c_read(BUS, MAGNETOMETER, STATUS_REG_M | NEXT, bytes, sizeof bytes) != I2C_OK
-        || (bytes[0] & NEW_DATA) == 0u) {
+    uint8_t bytes[6];
+    if (!data_ready_wait(LONGEST_WAIT_US) || i2c_read(BUS, MAGNETOMETER, OUTX_L_REG_M | NEXT, bytes, sizeof bytes) != I2C_OK) {
         return false;
     }
-    field_ut[0] = UT_PER_COUNT_M * (float)word(&bytes[1]);
-    field_ut[1] = -UT_PER_COUNT_M * (float)word(&bytes[3]);
-    field_ut[2] = -UT_PER_COUNT_M * (float)word(&bytes[5]);
+    field_ut[0] = UT_PER_COUNT_M * (float)word(&bytes[0]);
+    field_ut[1] = -UT_PER_COUNT_M * (float)word(&bytes[2]);
+    field_ut[2] = -UT_PER_COUNT_M * (float)word(&bytes[4]);
     return true;
 }
 
@@ -69,9 +67,9 @@ static bool lsm303agr_accelerometer_read(float gravity[3])
     if (i2c_read(BUS, ACCELEROMETER, OUT_X_L_A | NEXT, bytes, sizeof bytes) != I2C_OK) {
         return false;
     }
-    gravity[0] = -(float)word(&bytes[0]) / COUNTS_PER_G; /* gravity is opposite to the force that holds the board */
-    gravity[1] = (float)word(&bytes[2]) / COUNTS_PER_G;
-    gravity[2] = (float)word(&bytes[4]) / COUNTS_PER_G;
+    gravity[0] = -G_PER_COUNT * (float)word(&bytes[0]); /* gravity is opposite to the force that holds the board */
+    gravity[1] = G_PER_COUNT * (float)word(&bytes[2]);
+    gravity[2] = G_PER_COUNT * (float)word(&bytes[4]);
     return true;
 }
 
