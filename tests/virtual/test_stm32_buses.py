@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.board.described_machine import DescribedMachine
+from hiltest.virtual.core.machine import RefusedAccess
+from hiltest.virtual.part.machine_file import load_machine
 from hiltest.virtual.peripherals.i2c_bus import HeldLine
 from hiltest.virtual.program.elf import load_image
 from hiltest.world import EarthField, World
@@ -374,3 +377,19 @@ def test_a_store_of_another_size_than_that_of_the_controller_is_an_error_of_para
     assert chip[flash + 0x0C] == 1 << 6
     program(FLASH + 0x60002, 2, 0xABCD)
     assert chip.board.processor.memory.read_words(FLASH + 0x60000, 1) == (0xABCDFFFF,)
+
+
+def test_a_machine_that_is_like_another_one_has_its_blocks_and_its_own(tmp_path: Path) -> None:
+    stack_in_ccm = struct.pack("<I", 0x10010000) + LOOP[4:]
+    board = DescribedMachine("stm32f407-disco", load_image(stack_in_ccm, base=FLASH))
+    board.run_until(0.001)
+    board.bus.write(RCC + 0x40, 4, 1 << 19)
+    board.bus.write(0x40004C0C, 4, 1 << 13)
+    assert board.bus.read(0x40004C0C, 4) == 1 << 13  # UART4, which only this one has
+    assert board.bus.read(I2C1 + 0x20, 4) == 0  # I2C1 of the other one, without its clock
+    with pytest.raises(RefusedAccess, match="where the chip has no peripheral"):
+        board.bus.read(0x40013400, 4)  # SPI4, which only the other one has
+    file = tmp_path / "mine.toml"
+    file.write_text('like = "stm32f999"')
+    with pytest.raises(ConfigError, match="like: no machine 'stm32f999' comes with hiltest; known: stm32f407-disco"):
+        load_machine(str(file))

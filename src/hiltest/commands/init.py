@@ -124,21 +124,25 @@ def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
     rigs = shipped() / "rigs"
     if (rigs / f"{name}.toml").exists():
         name += "-proposed"
+    machine = chip.machine if chip and chip.machine and (rigs / f"{chip.machine}.toml").exists() else None
     choose = _ask_for_option if sys.stdin.isatty() and sys.stdout.isatty() else None
     kind = chosen_kind(proposals, choose)
     file, around = firmware.resolve(), folder.resolve()
     is_near = file.is_relative_to(around.parent)
+    path = os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file)
     text = rig_text(
         proposals,
         kind,
-        (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"),
+        (rigs / f"{machine or proposals.base_rig}.toml").read_text(encoding="utf-8"),
         name=name,
-        firmware=None if chip else os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
+        firmware=None if chip and not machine else path,
         choose=choose,
+        machine=machine,
     )
     summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
     if chip is not None:
-        click.echo(f"{firmware}: {chip}, which the virtual board cannot run: the rig is for its own board")
+        board = f"the rig is for the virtual board {machine}" if machine else "the rig is for its own board"
+        click.echo(f"{firmware}: {chip}, which the default virtual board cannot run: {board}")
     click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
     return name, text
 

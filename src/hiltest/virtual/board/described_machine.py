@@ -16,7 +16,7 @@ from hiltest.virtual.board.leds_and_buttons import LedsAndButtons
 from hiltest.virtual.board.virtual_machine import VirtualMachine
 from hiltest.virtual.core.library import lib
 from hiltest.virtual.model.timing import TimingProfile
-from hiltest.virtual.part.chip import ChipPeripheral
+from hiltest.virtual.part.chip import ChipPeripheral, is_in
 from hiltest.virtual.part.machine_file import Block as BlockTable
 from hiltest.virtual.part.machine_file import MachineFile, load_machine
 from hiltest.virtual.part.part_file import load_part
@@ -37,6 +37,7 @@ from hiltest.virtual.peripherals.stm32.timer import Timer
 from hiltest.virtual.peripherals.stm32.usart import Usart
 from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
 from hiltest.virtual.processor.cpu import Processor
+from hiltest.virtual.processor.memory import PERIPHERALS
 from hiltest.virtual.program.elf import FirmwareImage, LoadSegment
 
 _PIN = re.compile(r"P([A-K])(0|[1-9][0-9]?)")
@@ -104,6 +105,11 @@ class DescribedChip(Restorable):
         pages: dict[int, list[Block | CoreDevice]] = {}
         for block in blocks.values():
             pages.setdefault(block.base >> _PAGE_BITS, []).append(block)
+        for page in pages:
+            base = page << _PAGE_BITS
+            is_near = is_in([PERIPHERALS], base)
+            if not is_near and not lib.machine_add_device_region(processor.machine.handle, base, 1 << _PAGE_BITS):
+                raise MemoryError
         self._peripherals: list[Peripheral] = [
             *(BlockPage(page << _PAGE_BITS, group, self.unmodelled) for page, group in pages.items()),
             self.cycle_counter,

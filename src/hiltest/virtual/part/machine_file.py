@@ -17,6 +17,7 @@ from hiltest.virtual.part.chip import Chip, ChipPeripheral, ChipRegister, Memory
 
 _STRICT: dict[str, Any] = {"extra": "forbid"}
 _BLOCK_BYTES = 0x400
+_FOLDER = Path(str(resources.files("hiltest.virtual.part"))) / "machines"
 _Address = Annotated[int, Field(ge=0, lt=1 << 32)]
 
 
@@ -126,6 +127,10 @@ class MachineFile:
         return ChipPeripheral(name, block.base, _BLOCK_BYTES, (), registers, tuple(block.interrupts), requests)
 
 
+def _shipped() -> list[str]:
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
 def load_machine(name: str) -> MachineFile:
     """Return a machine: a shipped one such as ``stm32f411-disco``, or a file that ends in ``.toml``.
 
@@ -134,14 +139,28 @@ def load_machine(name: str) -> MachineFile:
     ConfigError
         If there is no such machine, or the file is invalid.
     """
-    folder = Path(str(resources.files("hiltest.virtual.part"))) / "machines"
-    file = Path(name) if name.endswith(".toml") else folder / f"{name}.toml"
+    file = Path(name) if name.endswith(".toml") else _FOLDER / f"{name}.toml"
     if not name.endswith(".toml") and not file.is_file():
-        names = ", ".join(["frdm-k64f", "microbit-v1", *sorted(path.stem for path in folder.glob("*.toml"))])
+        names = ", ".join(["frdm-k64f", "microbit-v1", *_shipped()])
         raise ConfigError(f"no machine {name!r}; known: {names}; the name of your own file ends in .toml")
-    content = read_bounded(file, MACHINE, otherwise="name a machine file (TOML)")
     try:
-        machine: MachineFile = adapter(MachineFile).validate_python(read_tables(str(file), content, MACHINE))
+        machine: MachineFile = adapter(MachineFile).validate_python(_tables(file))
     except ValidationError as error:
         raise ConfigError(f"{file}: {describe_invalid(error.errors()[0])}") from error
     return machine
+
+
+def _tables(file: Path) -> dict[str, Any]:
+    """Return the content of a file, with that of the machine that it is like; its blocks are added or replaced."""
+    content = read_bounded(file, MACHINE, otherwise="name a machine file (TOML)")
+    tables = read_tables(str(file), content, MACHINE)
+    other, absent = tables.pop("like", None), tables.pop("without", [])
+    if other is None:
+        return tables
+    base = _FOLDER / f"{other}.toml"
+    if base == file or base.name != f"{other}.toml" or not base.is_file():
+        raise ConfigError(f"{file}: like: no machine {other!r} comes with hiltest; known: {', '.join(_shipped())}")
+    described = _tables(base)
+    blocks = {name: block for name, block in described["blocks"].items() if name not in absent}
+    merged = {key: {**described.get(key, {}), **tables.get(key, {})} for key in ("registers", "board")}
+    return {**described, **tables, **merged, "blocks": {**blocks, **tables.get("blocks", {})}}
