@@ -60,6 +60,7 @@ from hiltest.procedures.reported_headings import (
     measure_reported_angles,
     tumble_until_calibrated,
 )
+from hiltest.procedures.tumble import poor_coverage
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import DEFAULT_RIG, shipped
 from hiltest.rig.rig_file import load_rig
@@ -237,7 +238,14 @@ def tumble(
 ) -> Tumble:
     """Magnetometer points that the board collected while it was turned in all directions."""
     by_hand = request.config.stash[SESSION].hand_journal
-    collect = partial(collect_tumble, board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+    collect = partial(
+        collect_tumble,
+        board,
+        turntable,
+        points=rig.procedure.tumble_points,
+        refuse=partial(poor_coverage, rig=rig),
+        progress=hil_progress,
+    )
     return by_hand.tumble(board, collect) if by_hand else collect()
 
 

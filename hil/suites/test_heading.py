@@ -116,6 +116,8 @@ def test_heading_at_known_angles(
         measure(f"heading.{source}.worst_sector", errors.worst_sector.start_deg, "deg")
         measure(f"heading.{source}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
     measure.table(*table_of_poses(known_angles))
+    if known_angles.unset:
+        measure.table("heading.unset", {"pose": "", "fault": ""}, map(list, known_angles.unset.items()))
     measure.table(*table_of_true_vectors(known_angles, rig))
     if isinstance(known_angles, RequestedAngles):
         record_evidence(known_angles, measure)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,8 @@ class KnownAngles:
     """Shape (n,). Headings, by source."""
     skipped: tuple[Pose, ...]
     """Known angles that an operator skipped; the other fields exclude them."""
+    unset: Mapping[int, str]
+    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
 
     @property
     def reference_deg(self) -> Reals:
@@ -68,6 +71,16 @@ class KnownAngles:
         return summarise(self._errors_deg(source)[level], self.reference_deg[level]).max_deg if level.any() else None
 
 
+@dataclass(frozen=True, slots=True)
+class TakenAngles(Generic[Taken]):
+    """Readings at known angles."""
+
+    readings: Mapping[int, tuple[Achieved, Taken]]
+    """Results by the index of the pose, in order, without those that an operator skipped."""
+    unset: Mapping[int, str] = field(default_factory=dict)
+    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
+
+
 def take_known_angles(
     reader: PoseReader[Taken],
     turntable: Turntable,
@@ -75,7 +88,7 @@ def take_known_angles(
     *,
     progress: Progress | None = None,
     stored: StoredPoses[Taken] | None = None,
-) -> dict[int, tuple[Achieved, Taken]]:
+) -> TakenAngles[Taken]:
     """Turn to each pose and read the board there.
 
     Parameters
@@ -88,21 +101,16 @@ def take_known_angles(
         Poses, at least one.
     stored
         Poses that an operator captured in an earlier run.
-
-    Returns
-    -------
-    dict of int to (Achieved, reading)
-        Results by the index of the pose, in order, without those that an operator skipped.
     """
     if isinstance(turntable, OperatorTurntable):
-        return take_by_hand(reader, turntable, poses, stored)
+        return TakenAngles(*take_by_hand(reader, turntable, poses, stored))
     tell, readings = progress or silent, {}
     for index, pose in enumerate(poses):
         tell("known angles", index, len(poses))
         achieved = turntable.turn_to(pose, known_angle=index)
         readings[index] = achieved, reader.read(pose)
     tell("known angles", len(poses), len(poses))
-    return readings
+    return TakenAngles(readings)
 
 
 def attitude_of(achieved: Achieved, mounting_yaw_deg: float) -> Pose:

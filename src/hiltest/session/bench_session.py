@@ -334,6 +334,7 @@ class HilSession:
             return None
         if self.settings.record or self.settings.replay:  # a recording needs every answer from the first question on
             return None
+        from hiltest.procedures.tumble import poor_coverage
         from hiltest.rig.rig import conditions_sha256
         from hiltest.session.by_hand import ByHand
 
@@ -350,6 +351,7 @@ class HilSession:
                 "calibration file": calibration,
                 "set of tests": self.settings.suite,
             },
+            lambda tumble: poor_coverage(tumble, self.rig),
         )
 
     def _connect_here(self) -> None:

@@ -256,7 +256,7 @@ def _session(request: pytest.FixtureRequest) -> HilSession:
 
 
 def _ask(config: pytest.Config, text: str) -> str:
-    """Ask the operator, while pytest's capturing, also of the keyboard, is suspended.
+    """Ask the operator on a line of its own, while pytest's capturing, also of the keyboard, is suspended.
 
     Raises
     ------
@@ -267,6 +267,9 @@ def _ask(config: pytest.Config, text: str) -> str:
     if capture is not None:
         capture.suspend(in_=True)
     try:
+        config.stash[SESSION].clear_progress()
+        if (reporter := config.pluginmanager.getplugin("terminalreporter")) is not None:
+            reporter.ensure_newline()
         return ask(text)
     finally:
         if capture is not None:
