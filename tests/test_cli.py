@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
 from hiltest import commands
@@ -166,6 +167,7 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
         (["run", "--may-fail", "2"], "ERROR: --may-fail needs several seeds: add --seeds"),
         (["run", "-k", "heading"], "'-k'. Options of pytest follow --: hiltest run -- -k heading"),
+        (["study", "choose", "--coverage", "0.5"], "0.5 is a share of 1; write 50 for percent."),
         (["dance"], "ERROR: No such command 'dance'."),
         (["profil", "worse"], "No such command 'profil'. Did you mean 'profile worst'?"),
     ],
@@ -188,6 +190,24 @@ def test_a_conftest_cannot_change_the_exit_code_of_a_failed_run(tmp_path: Path) 
     result = hiltest("run", folder=tmp_path)
     assert result.returncode == 1
     assert "FAIL" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("columns", "command"),
+    [("time_s,ax_g,ay_g,az_g,gx_dps,gy_dps,gz_dps", ["fit", "imu"]), ("time_s,gx_dps,gy_dps,gz_dps", ["fit", "noise"])],
+)
+def test_fit_gives_a_log_without_a_magnetometer_to_the_command_for_its_sensors(
+    tmp_path: Path, columns: str, command: list[str]
+) -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.1, (3000, columns.count(",")))
+    rows = np.column_stack([0.01 * np.arange(len(noise)), noise])
+    np.savetxt(tmp_path / "log.csv", rows, fmt="%.5f", delimiter=",", header=columns, comments="")
+    one, other = (hiltest(*verb, "log.csv", "--json", folder=tmp_path) for verb in (["fit"], command))
+    assert one.stdout == other.stdout != ""
+    assert one.returncode == other.returncode
+    refused = hiltest("fit", "log.csv", "--shape", "sphere", folder=tmp_path)
+    assert refused.returncode == 4
+    assert "--shape is for a magnetometer" in refused.stderr
 
 
 def test_a_folder_without_tests_is_not_judged_by_the_suites(tmp_path: Path) -> None:

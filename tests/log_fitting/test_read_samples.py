@@ -231,6 +231,7 @@ def test_the_accelerometer_s_own_log_is_joined_by_time(tmp_path: Path) -> None:
         ("1,2,3\n", {"columns": "0,1,2"}, "no column '0' among 3"),
         ("a,a,b,c\n1,2,3,4\n", {"columns": "a,b,c"}, "2 columns are called 'a'; give numbers from 1"),
         (b"\x7fELF\x02\x01\x01\0\0\0", {}, "cloud.csv:1: a zero byte: this is a binary file"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", {}, "cloud.csv:1: this is a binary file, not a text table"),
         (b"mx,my,mz (\xb5T)\n1,2,3\n", {}, "cloud.csv:1: byte 0xb5 is not UTF-8; save the file as UTF-8"),
         ("x,y,z\n1,2,3\n".encode("utf-16-le"), {}, "cloud.csv:1: a zero byte: this is a binary file"),
         ("1" * 100_000, {}, "cloud.csv:1: the line is longer than 65536 bytes"),

@@ -218,6 +218,7 @@ def test_every_table_knows_its_keys(edited, old, new, nearest):
     ("old", "new", "key", "words"),
     [
         ("strength_ut = 48.5", 'strength_ut = "48.5"', "field.strength_ut", 'valid number, not "48.5"'),
+        ("strength_ut = 48.5", "strength_ut = 48500", "field.strength_ut", "48500 nT are 48.5 uT"),
         ("strength_ut = 48.5", "strength_ut = -1", "field.strength_ut", "must be above 0"),
         ('kind = "simulated"', 'kind = "simulated"\ntumble_s = 0.0', "turntable.tumble_s", "must be above 0"),
         ("strength_ut = 48.5", "strength_ut = nan", "field.strength_ut", "finite number"),

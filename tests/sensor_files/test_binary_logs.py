@@ -9,8 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hiltest.errors import ConfigError
+from hiltest.interfaces.packets import AnglesPacket, MagneticPacket7, encode
+from hiltest.interfaces.sensor_files.binary_logs import read_binary
 from hiltest.log_fitting import Samples, read_samples
 from hiltest.measurement.units import AccelerationUnit, FieldUnit
 
@@ -22,6 +26,23 @@ def check(samples: Samples, unit: FieldUnit, size: float) -> None:
     np.testing.assert_allclose(samples.points, POINTS * size, rtol=1e-6)
     assert samples.time_s is not None
     np.testing.assert_allclose(np.diff(samples.time_s), 0.02, atol=1e-6)
+
+
+def test_packets_of_nxp_s_sensor_fusion_give_the_points_of_their_buffer(tmp_path: Path) -> None:
+    wire = b"ATSRM,2,0\r"  # the firmware's first bytes are for a Bluetooth module
+    for number, point in enumerate(POINTS.astype(int).tolist()):
+        wire += encode(AnglesPacket(2 * number % 256, 20_000 * number, roll=0, pitch=0, compass=0))
+        wire += encode(MagneticPacket7((2 * number + 1) % 256, 120, 250, 502, 10 + number, tuple(point)))
+    path = tmp_path / "board.bin"
+    path.write_bytes(wire)
+    check(read_samples(path), FieldUnit.UT, 0.1)
+
+
+@given(st.text(alphabet="~ 0123456789.,-\n"))
+def test_text_with_delimiters_of_packets_is_text(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    path = tmp_path_factory.getbasetemp() / "delimiters.txt"
+    path.write_text("~ a log ~\n" + text)
+    assert read_binary(path) is None
 
 
 def test_ardupilot_s_log(tmp_path: Path, require_module: Callable[[str], None]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Collection
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -111,7 +112,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     help="Run the firmware's calibrators and count cycles (virtual), or their float64 references (host).",
 )
 @setting_option("firmware")
-@json_option("hiltest.fit/1")
+@json_option("hiltest.fit/1; without a magnetometer hiltest.fit-imu/1 or hiltest.allan/1")
 @click.option("--export-json", metavar="FILE", type=_FILE, help="Write the best calibration as JSON.")
 @click.option("--export-header", metavar="FILE", type=_FILE, help="Write the best calibration as a C header.")
 @click.option(
@@ -151,15 +152,17 @@ def fit(
     html: Path | None,
     at_least: str,
 ) -> int:
-    """Fit a magnetometer calibration to a log, and rate it.
+    """Fit a calibration to the log of a magnetometer, and rate it.
 
-    LOG is a table with or without a header, a capture of a serial monitor or for MotionCal, or lines of JSON;
-    - is standard input. A refused calibration is not exported without --force.
+    LOG is a table with or without a header, a capture of a serial monitor or for MotionCal, lines of JSON, or packets
+    of NXP's Sensor Fusion; - is standard input. A refused calibration is not exported without --force.
 
     If LOG is a folder, print one row per log: the fit by the float64 references and the agreement between its parts.
 
-    Other logs: hiltest fit imu for accelerometer and gyroscope, hiltest fit noise for a gyroscope at rest.
+    A log without a magnetometer goes to hiltest fit imu if it has an accelerometer, and to hiltest fit noise if it has
+    only a gyroscope.
     """
+    from hiltest.interfaces.sensor_files.columns import NoMagnetometerError
     from hiltest.log_fitting import FieldUnit
     from hiltest.log_fitting.signed_columns import read_signed_samples
 
@@ -167,9 +170,14 @@ def fit(
         return _fit_folder(log, columns, FieldUnit(unit) if unit else None, robust=robust != "none", at_least=at_least)
     path = _STANDARD_INPUT if str(log) == "-" else log
     own_columns = accelerometer_columns if accelerometer_log is None else None
-    read = read_signed_samples(
-        path, columns=columns, unit=FieldUnit(unit) if unit else None, accelerometer_columns=own_columns
-    )
+    try:
+        read = read_signed_samples(
+            path, columns=columns, unit=FieldUnit(unit) if unit else None, accelerometer_columns=own_columns
+        )
+    except NoMagnetometerError as error:
+        if not error.sensors or path == _STANDARD_INPUT:
+            raise
+        return _fit_without_magnetometer(log, error.sensors)
     if accelerometer_log is not None:
         from hiltest.log_fitting.samples import join_accelerometer
 
@@ -204,12 +212,35 @@ def _is_worse(fitted: SampleFit, at_least: str) -> bool:
     return order.index(fitted.best.verdict) > order.index(Acceptance(at_least))
 
 
+def _fit_without_magnetometer(log: Path, sensors: Collection[str]) -> int:
+    """Fit the log of other sensors by their own command, with the options that both commands have."""
+    from hiltest.commands.fit_imu import fit_imu
+    from hiltest.commands.fit_noise import fit_noise
+
+    name, command = ("imu", fit_imu) if "accelerometer" in sensors else ("noise", fit_noise)
+    context = click.get_current_context()
+    options = _given_options(context) - {"log"}
+    for option in options - {parameter.name for parameter in command.params}:
+        raise click.UsageError(
+            f"{_flag(context, option)} is for a magnetometer, which {log} does not have; hiltest fit {name} fits it"
+        )
+    click.echo(f"{log} has no magnetometer, so this is hiltest fit {name}.", err=True)
+    return int(context.invoke(command, log=log, **{option: context.params[option] for option in options}) or 0)
+
+
+def _given_options(context: click.Context) -> set[str]:
+    """Return the names of the parameters that the command line has."""
+    return {name for name in context.params if context.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+
+
+def _flag(context: click.Context, name: str) -> str:
+    return next(parameter.opts[0] for parameter in context.command.params if parameter.name == name)
+
+
 def _fit_folder(folder: Path, columns: str | None, unit: FieldUnit | None, *, robust: bool, at_least: str) -> int:
     context = click.get_current_context()
-    for name in set(context.params) - {"log", "columns", "unit", "robust", "at_least"}:
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            option = next(parameter.opts[0] for parameter in context.command.params if parameter.name == name)
-            raise click.UsageError(f"{option} is for a single log, and {folder} is a folder: leave it out")
+    for name in _given_options(context) - {"log", "columns", "unit", "robust", "at_least"}:
+        raise click.UsageError(f"{_flag(context, name)} is for a single log, and {folder} is a folder: leave it out")
     from hiltest.errors import ConfigError
     from hiltest.log_fitting.log_folder import fit_folder
     from hiltest.log_fitting.log_folder_table import print_folder

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -48,6 +49,17 @@ def _plan_choice(
     return replace(plan, points=points or described.procedure.calibration_points, conditions=conditions)
 
 
+class _Percentage(click.FloatRange):
+    """A percentage; a share of 1 is refused with the percentage that it is."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the percentage."""
+        with suppress(ValueError):
+            if 0.0 < float(value) <= 1.0:
+                self.fail(f"{value} is a share of 1; write {100.0 * float(value):g} for percent.", param, ctx)
+        return float(super().convert(value, param, ctx))
+
+
 def _is_given(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is ParameterSource.COMMANDLINE
 
@@ -79,7 +91,7 @@ def _is_given(option: str) -> bool:
     "--coverage",
     "coverage_percent",
     metavar="PERCENT",
-    type=click.FloatRange(10.0, 100.0),
+    type=_Percentage(10.0, 100.0),
     default=50.0,
     show_default=True,
     help="Set the smallest covered share of the sphere for choose.",

@@ -17,6 +17,7 @@ from hiltest.interfaces.sensor_files.cells import LARGEST_READING, TableRow, Tab
 from hiltest.interfaces.sensor_files.columns import (
     ACCELEROMETER_STEM,
     MAGNETOMETER_STEM,
+    NoMagnetometerError,
     axis_triples,
     guessed_columns,
     is_sensor,
@@ -110,12 +111,16 @@ def read_samples(
     ------
     ConfigError
         When there is no such table in the file; the message has file, line and column.
+    NoMagnetometerError
+        When no columns of the table are a magnetometer's.
     """
     table = open_table(path)
     try:
         layout = _layout(table, columns, accelerometer_columns)
         unit_found = unit or unit_of(layout.names if table.headers else ()) or unit_in_text(table.text)
         acceleration_unit = _acceleration_unit(layout) if table.headers else AccelerationUnit.COUNTS
+    except NoMagnetometerError as error:
+        raise NoMagnetometerError(f"{path}: {error}", error.sensors) from error
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     numbers, others, lines, skipped = _numbers(table, layout)

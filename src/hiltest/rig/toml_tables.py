@@ -117,6 +117,10 @@ class LinkSettings:
         require(self.baud > 0, "baud", "must be above 0")
 
 
+# The axes of the FXOS8700CQ stop at 1200 uT, and a compass needs room for hard iron.
+_STRONGEST_FIELD_UT = 1000.0
+
+
 @dataclass(frozen=True, slots=True)
 class LocalField:
     """The earth's field at the bench: total intensity, dip (down positive), declination (east positive)."""
@@ -144,6 +148,12 @@ class LocalField:
         # Range of the World Magnetic Model.
         require(-1_000.0 <= self.altitude_m <= 850_000.0, "altitude_m", "must be within -1000 to 850000")
         require(self.strength_ut > 0.0, "strength_ut", "must be above 0")
+        require(
+            self.strength_ut <= _STRONGEST_FIELD_UT,
+            "strength_ut",
+            f"must be at most {_STRONGEST_FIELD_UT:g}: the Earth's field has 22 to 67 uT, and {self.strength_ut:g} nT "
+            f"are {self.strength_ut / 1000.0:g} uT",
+        )
         require(abs(self.dip_deg) < 90.0, "dip_deg", "must be within -90 to 90, since headings are undefined at a pole")
         require(abs(self.declination_deg) <= 180.0, "declination_deg", "must be within -180 to 180")
 

@@ -1,4 +1,4 @@
-"""Binary logs of autopilots and robots, read by the packages of the extra ``hiltest[logs]``."""
+"""Binary logs: NXP's packets, and those of autopilots and robots by the packages of the extra ``hiltest[logs]``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ from pathlib import Path
 
 from hiltest.budgets import BINARY_LOG, BudgetError
 from hiltest.errors import ConfigError
+from hiltest.interfaces.packet_csv import PacketRows
+from hiltest.interfaces.packet_stream import PacketDecoder, batches
+from hiltest.interfaces.packet_summary import summary_of
 
 Rows = Iterator[dict[str, object]]
+
+# Bytes that show the kind of a file.
+_BEGIN = 4096
 
 # Units by message and the beginning of a field's name, from ArduPilot's log documentation and PX4's messages.
 _ARDUPILOT = {"MAG": ("mG", "Mag"), "IMU": ("m/s2", "Acc"), "BAT": ("A", "Curr"), "BARO": ("degC", "Temp")}
@@ -29,11 +35,13 @@ def read_binary(path: Path) -> list[dict[str, str]] | None:
     if not path.is_file() or path.suffix == ".gz":
         return None
     with path.open("rb") as file:
-        begin = file.read(32)
-    found = next(((name, reader) for mark, name, reader in _KINDS if begin.startswith(mark)), None)
-    if found is None:
+        begin = file.read(_BEGIN)
+    kinds = [(name, reader) for mark, name, reader in _KINDS if begin.startswith(mark)]
+    if not kinds and _has_packets(begin):
+        kinds = [("packets of NXP's Sensor Fusion", _packets)]
+    if not kinds:
         return None
-    name, reader = found
+    name, reader = kinds[0]
     rows: list[dict[str, str]] = []
     try:
         BINARY_LOG.check(size=path.stat().st_size)
@@ -48,6 +56,22 @@ def read_binary(path: Path) -> list[dict[str, str]] | None:
     except Exception as error:  # packages raise anything at a damaged log
         raise ConfigError(f"{path}: {name} cannot be read: {error or type(error).__name__}") from error
     return rows
+
+
+def _has_packets(begin: bytes) -> bool:
+    """Return whether NXP's packets make up at least half of the beginning of a file."""
+    batch = PacketDecoder().feed(begin)
+    return bool(batch.packets()) and 2 * batch.lost_bytes < len(begin)
+
+
+def _packets(path: Path) -> Rows:
+    data = path.read_bytes()
+    summary, release = summary_of(data)
+    rows = PacketRows(summary.kinds)
+    names = rows.header().strip().split(",")
+    for batch in batches(data, release):
+        for line in rows.lines(batch).splitlines():
+            yield {name: cell for name, cell in zip(names, line.split(","), strict=True) if cell}
 
 
 def _ardupilot(path: Path) -> Rows:

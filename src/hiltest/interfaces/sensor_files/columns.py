@@ -71,6 +71,15 @@ ACCELEROMETER_STEM = re.compile(r"acc|(?<![a-z])(?:[af]|a-?r)$")
 GYROSCOPE_STEM = re.compile(r"gyr|omega|angular|(?<![a-z])rate|(?<![a-z])(?:[gw]|g-?r)$")
 
 
+class NoMagnetometerError(ConfigError):
+    """No columns can be those of a magnetometer."""
+
+    def __init__(self, message: str, sensors: frozenset[str]) -> None:
+        self.sensors = sensors
+        """Sensors that have columns in the file: ``accelerometer``, ``gyroscope``."""
+        super().__init__(message)
+
+
 def unit_of(headers: Sequence[str]) -> FieldUnit | None:
     """Return the unit of a field in headers; None without one.
 
@@ -157,7 +166,9 @@ def guessed_columns(
     Raises
     ------
     ConfigError
-        When no or more than one triple is possible; the message lists the choices that can be read.
+        When more than one triple is possible; the message lists the choices that can be read.
+    NoMagnetometerError
+        When none is.
     """
     vectors = axis_vectors(headers)
     triples = {stem: places for stem, places in vectors.items() if len(places) == 3}
@@ -189,7 +200,11 @@ def guessed_columns(
         return varying
     description = f"the columns are {', '.join(headers)}" if headers else f"no header and {len(places)} columns"
     hint = column_hint(headers, places, rows)
-    raise ConfigError(f"cannot tell which columns are the magnetometer: {description}{hint}")
+    message = f"cannot tell which columns are the magnetometer: {description}{hint}"
+    stems = {"accelerometer": ACCELEROMETER_STEM, "gyroscope": GYROSCOPE_STEM}
+    raise NoMagnetometerError(
+        message, frozenset(name for name, stem in stems.items() if any(map(stem.search, triples)))
+    )
 
 
 def is_magnetometer(name: str) -> bool:

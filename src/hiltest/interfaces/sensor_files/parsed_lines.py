@@ -18,6 +18,8 @@ from hiltest.errors import ConfigError
 _LONGEST_LINE = 65_536
 # Smallest part of these that is offered at once: some lines of a table.
 _LEAST_AHEAD = 512
+# Lines after a wrong byte in which a binary file has a zero byte: a PNG has one in the third.
+_LINES_OF_A_BINARY = 4
 #: First bytes of a UTF-16 file, such as PowerShell writes with >.
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _COMMENTS = ("#", "%", "//")
@@ -168,6 +170,8 @@ class Lines:
             try:
                 yield raw.decode("utf-8")
             except UnicodeDecodeError as error:
+                if b"\0" in b"".join(lines.readline(_LONGEST_LINE) for _ in range(_LINES_OF_A_BINARY)):
+                    raise ConfigError(f"{self._where}: this is a binary file, not a text table") from error
                 bad = raw[error.start]
                 raise ConfigError(f"{self._where}: byte 0x{bad:02x} is not UTF-8; save the file as UTF-8") from error
 

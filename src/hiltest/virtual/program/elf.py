@@ -180,7 +180,7 @@ class FirmwareImage:
         except Exception as error:  # the parser raises many types for a damaged file, from struct.error to KeyError
             raise ConfigError(
                 f"{self.name}: not a complete ELF file ({str(error) or type(error).__name__}); "
-                "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin, or --base ADDRESS)"
+                "give the .elf that the linker wrote, Intel HEX (.hex), or a raw binary (.bin)"
             ) from error
 
     def _check_file(self, core: Core) -> None:
