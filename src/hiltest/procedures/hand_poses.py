@@ -83,10 +83,13 @@ class PoseWalk:
         Taken poses that are requested once more, in this order.
     at : int or None
         Requested pose; None if none is open.
+    decision : str
+        Reason why no further pose is needed; empty while they are.
     """
 
-    def __init__(self, of: int, earlier: Iterable[int] = ()) -> None:
-        self.of = of
+    def __init__(self, of: int, earlier: Iterable[int] = (), order: Sequence[int] = (), decision: str = "") -> None:
+        self.of, self.decision = of, decision
+        self._order = order or range(of)
         self.taken = list(earlier)
         self.skipped: set[int] = set()
         self.offered: list[int] = []
@@ -126,7 +129,8 @@ class PoseWalk:
 
     def _open(self, done: int | None = None) -> int | None:
         self.offered = [index for index in self.offered if index != done]
-        new = (index for index in range(self.of) if index not in self.taken and index not in self.skipped)
+        needed = () if self.decision else self._order
+        new = (index for index in needed if index not in self.taken and index not in self.skipped)
         return next(chain(self.offered, new), None)
 
 
@@ -299,10 +303,12 @@ class _HandReadings(Generic[Taken]):
         table: OperatorTurntable,
         poses: Sequence[Pose],
         stored: StoredPoses[Taken] | None,
+        order: Sequence[int],
+        decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str],
     ) -> None:
         earlier = {} if stored is None else stored.readings
         self.readings = {index: place for index, place in earlier.items() if index < len(poses)}
-        self.walk = PoseWalk(len(poses), self.readings)
+        self.walk, self._decide = PoseWalk(len(poses), self.readings, order, decide(self.readings)), decide
         self._reader, self._table, self._poses, self._stored = reader, table, poses, stored
         self._doubted: tuple[int, tuple[Achieved, Taken]] | None = None
         self._doubts = 0
@@ -326,6 +332,7 @@ class _HandReadings(Generic[Taken]):
             return f"{fault}. Turn the board and press Enter, or type k if it was turned: then its sensor is wrong.\n"
         self._doubts = 0
         self.readings[at] = place
+        self.walk.decision = self._decide(self.readings)
         if self._stored is not None:
             self._stored.keep(at, place)
         return ""
@@ -378,23 +385,28 @@ def _pose(achieved: Achieved) -> Pose:
 
 
 def take_by_hand(
-    reader: PoseReader[Taken], table: OperatorTurntable, poses: Sequence[Pose], stored: StoredPoses[Taken] | None
-) -> tuple[dict[int, tuple[Achieved, Taken]], dict[int, str]]:
+    reader: PoseReader[Taken],
+    table: OperatorTurntable,
+    poses: Sequence[Pose],
+    stored: StoredPoses[Taken] | None,
+    order: Sequence[int],
+    decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str],
+) -> tuple[dict[int, tuple[Achieved, Taken]], dict[int, str], str]:
     """Ask for each pose, wait until the board stands still, and read it; see `walk_by_hand` for errors.
 
     Parameters
     ----------
     stored
         Poses that an earlier run captured; None if no journal is kept.
+    order, decide
+        As for `hiltest.procedures.known_angles.take_known_angles`.
 
     Returns
     -------
-    dict of int to (Achieved, reading)
-        Results by the index of the pose, in order, without skipped ones.
-    dict of int to str
-        Poses, by their number from 1, at which the board was not set as the operator says, each with a description.
+    tuple
+        The fields of `hiltest.procedures.known_angles.TakenAngles`.
     """
-    hand = _HandReadings(reader, table, poses, stored)
+    hand = _HandReadings(reader, table, poses, stored, order, decide)
     walk_by_hand(
         table,
         poses,
@@ -406,7 +418,11 @@ def take_by_hand(
         say=BEGINS_ANEW if not reader.can_go_on else stored.message if stored is not None else "",
         stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
     )
-    return dict(sorted(hand.readings.items())), {index + 1: fault for index, fault in hand.unset().items()}
+    return (
+        dict(sorted(hand.readings.items())),
+        {index + 1: fault for index, fault in hand.unset().items()},
+        hand.walk.decision,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -489,7 +505,8 @@ def question_of(index: int, pose: Pose, *, is_taken: bool = False) -> str:
 def _ask_at_end(walk: PoseWalk) -> str:
     numbers = join_words([str(index + 1) for index in sorted(walk.skipped)], _NAMED_AT_MOST)
     skipped = f"; {format_count(len(walk.skipped), 'pose')} not measured: {numbers}" if walk.skipped else ""
+    decision = f"{walk.decision}.\n" if walk.decision else ""
     return (
-        f"{len(walk.taken)} of {walk.of} known angles are taken{skipped}.\n"
+        f"{decision}{len(walk.taken)} of {walk.of} known angles are taken{skipped}.\n"
         "  Enter to go on (r takes the last again, b goes back, q stops): "
     )

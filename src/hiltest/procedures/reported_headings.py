@@ -445,6 +445,8 @@ def measure_reported_angles(
         heading_deg={source: np.array(values) for source, values in headings.items()},
         skipped=tuple(pose for index, pose in enumerate(poses) if index not in readings),
         unset=taken.unset,
+        decision="",
+        estimates={},
         held=tuple(held),
         belief=belief,
         tilt_error_deg=max(

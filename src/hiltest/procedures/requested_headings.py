@@ -25,6 +25,7 @@ from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180
 from hiltest.orientation.heading_models import Poses, Stage, fit_causes
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
+from hiltest.procedures.fewest_poses import FewestPoses
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, StoredPoses, moved, place_of
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles, Reals, TakenAngles, attitude_of, take_known_angles
@@ -177,6 +178,7 @@ def measure_known_angles(
     readings: int = 16,
     progress: Progress | None = None,
     journal: PoseJournal | None = None,
+    fewest: FewestPoses | None = None,
 ) -> RequestedAngles:
     """Turn to each pose and ask the board for its heading under each calibration.
 
@@ -194,6 +196,8 @@ def measure_known_angles(
         New samples of each sensor to average at each pose.
     journal
         Stores captured poses of an operator, and returns those stored already.
+    fewest
+        Decides after each pose whether more are needed; None for all poses.
 
     Raises
     ------
@@ -208,7 +212,29 @@ def measure_known_angles(
         board.sensor(kind)
     reader = RequestReader(board, slots, readings, mounting_yaw_deg)
     stored = reader.stored_poses(journal) if journal else None
-    taken = take_known_angles(reader, turntable, poses, progress=progress, stored=stored)
+
+    def errors_deg(readings: Mapping[int, tuple[Achieved, AverageReply]]) -> dict[str, dict[int, float]]:
+        return {
+            name: {
+                index: heading_error_deg(
+                    _attitude(answer.headings[slot], name, poses[index]).heading_deg,
+                    attitude_of(achieved, mounting_yaw_deg).heading_deg,
+                )
+                for index, (achieved, answer) in readings.items()
+            }
+            for name, slot in slots.items()
+        }
+
+    taken = take_known_angles(
+        reader,
+        turntable,
+        poses,
+        progress=progress,
+        stored=stored,
+        order=fewest.order if fewest else (),
+        decide=lambda readings: fewest.decision(errors_deg(readings)) if fewest else "",
+    )
+    estimates = fewest.estimates(errors_deg(taken.readings)) if fewest and taken.decision else {}
     known_angles = _requested_angles(
         poses,
         taken,
@@ -216,6 +242,7 @@ def measure_known_angles(
         mounting_yaw_deg,
         fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
         calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
+        estimates=estimates,
     )
     for name in slots:
         _check_arithmetic(known_angles, name)
@@ -336,6 +363,7 @@ def _requested_angles(
     *,
     fits: dict[str, AccelerometerFit],
     calibrations: dict[str, CalibrationReply],
+    estimates: Mapping[str, Mapping[str, tuple[float, float]]],
 ) -> RequestedAngles:
     by_index = taken.readings
     poses = [asked[index] for index in by_index]
@@ -351,6 +379,8 @@ def _requested_angles(
         heading_deg={name: np.array([tilt.heading_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         skipped=tuple(pose for index, pose in enumerate(asked) if index not in by_index),
         unset=taken.unset,
+        decision=taken.decision,
+        estimates=estimates,
         pitch_deg={name: np.array([tilt.pitch_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         roll_deg={name: np.array([tilt.roll_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         tilt_error_deg={name: _tilt_errors_deg(tilts, achieved) for name, tilts in attitudes.items()},
