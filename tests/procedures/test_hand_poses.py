@@ -237,6 +237,7 @@ def test_a_wrong_answer_is_told_why(virtual_board: Board) -> None:
 def test_a_board_that_still_turns_is_not_taken_until_it_stands(virtual_board: Board) -> None:
     stage, session = virtual_board.stage, virtual_board.session
     assert stage is not None
+    virtual_board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))
     asked: list[str] = []
 
     def hand(question: str) -> str:
@@ -270,6 +271,7 @@ def test_a_board_that_never_stands_still_is_asked_for_again(
     monkeypatch.setattr("hiltest.procedures.requested_headings.STILL_WITHIN_S", 1.0)
     stage = virtual_board.stage
     assert stage is not None
+    virtual_board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))
     asked: list[str] = []
 
     def hand(question: str) -> str:
