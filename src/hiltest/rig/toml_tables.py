@@ -331,6 +331,8 @@ class TurntableSettings:
     """Duration of an operator's tumble."""
     port: str | None = None
     """Device or pyserial URL of a motor table with Grbl."""
+    fewest_poses: bool | None = None
+    """True to measure known angles only until every limit of a heading is decided."""
     covered: CoveredPart | None = None
     """Part of the sphere for a simulated tumble; None for the whole sphere."""
     tumble_poses_deg: tuple[Triple, ...] | None = None
