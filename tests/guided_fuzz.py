@@ -99,7 +99,7 @@ def fuzz(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap
     """Give a reader so many inputs."""
     corpus, dice = folder / "seeds", random.Random(seed)
     corpus.mkdir()
-    large = [enlarged(dice, content, most_bytes=1 << 15) for content in reader.corpus[:_LARGE]]
+    large = [enlarged(dice, content, most_bytes=1 << 13) for content in reader.corpus[:_LARGE]]
     for number, content in enumerate([*reader.corpus, *large]):
         (corpus / str(number)).write_bytes(content)
     totals, meter = [0, 0], Meter()
