@@ -43,17 +43,17 @@ def _cut(value: Any, longest: int, least: int, place: str, left_out: dict[str, i
     """Return a value whose lists have at most `longest` entries, but `least` are not cut."""
     if isinstance(value, dict):
         names = list(value)[: longest if len(value) > _KEYS else None]
-        kept: Any = {name: _cut(value[name], longest, least, f"{place}/{name}", left_out) for name in names}
+        shortened: Any = {name: _cut(value[name], longest, least, f"{place}/{name}", left_out) for name in names}
     elif isinstance(value, list):
         is_plain = not any(isinstance(item, dict | list) for item in value)
         most = max(longest, least, _SCALARS if is_plain else 0)
         items = value if len(value) <= most else sorted(value, key=_is_unremarkable)[:most]
-        kept = [_cut(item, longest, _NESTED, f"{place}/{number}", left_out) for number, item in enumerate(items)]
+        shortened = [_cut(item, longest, _NESTED, f"{place}/{number}", left_out) for number, item in enumerate(items)]
     else:
         return value
-    if len(kept) < len(value):
-        left_out[place] = len(value) - len(kept)
-    return kept
+    if len(shortened) < len(value):
+        left_out[place] = len(value) - len(shortened)
+    return shortened
 
 
 def _is_unremarkable(item: Any) -> bool:
