@@ -157,6 +157,7 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
         (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
         (["run", "gone.elf"], "gone.elf: No such file or directory"),
+        (["run", "--firmware", "other.elf", "--", "--hil-out=mine.elf"], "other.elf: No such file or directory"),
         (["run", "gone.elf", "--firmware", "other.elf"], "two firmwares: --firmware other.elf and gone.elf"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
         (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),

@@ -186,6 +186,8 @@ def _run(
 
 def _is_firmware(argument: str) -> bool:
     """Return whether an argument is the name of a firmware file, rather than one for pytest."""
+    if argument.startswith("-"):
+        return False
     if Path(argument).suffix.lower() in _FIRMWARE_SUFFIXES:
         return True
     try:
