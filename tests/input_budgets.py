@@ -82,7 +82,7 @@ def _resident_bytes() -> int:
 
 
 def _forget_peak() -> None:
-    """Set the process's peak of memory to what it has now (proc(5), clear_refs)."""
+    """Set the process's peak of memory to its present memory (proc(5), clear_refs)."""
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 

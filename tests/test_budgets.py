@@ -31,7 +31,7 @@ from hiltest.interfaces.text_lines import Pattern, written_out_size
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.program.signatures import Element, Pointed
 
-# Reading in a process of its own: its limits are twice the budgets, beside what Python and its imports need.
+# Reading in a process of its own: its limits are twice the budgets, beside the needs of Python and its imports.
 READ = {
     "json": "from hiltest.json_files import read_json; read_json(path, otherwise='')",
     "recording": "from hiltest.tape.recorded_run import read_transcript; read_transcript(path)",

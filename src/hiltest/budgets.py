@@ -88,7 +88,7 @@ MOTION = Budget("a motion recording", 512 * _MI, 3_600_000, "rows", 1, 20.0, 204
 ELF = Budget("an ELF", 256 * _MI, 500_000, "symbols", 64, 60.0, 1536 * _MI)
 """A chip has a few MiB of flash; debug information of large C++ firmware is a hundred times that."""
 DEBUG = Budget("debug information", 64 * _MI, 4_000_000, "rows of lines or members", 64, 240.0, 4096 * _MI)
-"""Of an ELF, decompressed; it is parsed in Python, and ignored beyond its budget, as if it were damaged."""
+"""The decompressed size counts. Beyond its budget it is ignored, as if it were damaged; Python parses it."""
 SEGMENTS = Budget("a program to load", 64 * _MI, 4096, "separate pieces", 1, 10.0, 256 * _MI)
 HEX = Budget("Intel HEX", 8 * _MI, 4096, "separate pieces", 1, 20.0, 768 * _MI)
 """Text of 2.8 MiB of data; each byte is an entry of a dict while it is read."""

@@ -76,7 +76,12 @@ def init(folder: Path, firmware: str | None, sensor: str | None) -> tuple[int, C
         name = legible_name(folder.resolve().name)
         if (source / "rigs" / f"{name}.toml").exists():
             name += "-proposed"
-        proposed = name, propose_rig(name, folder, Path(firmware))
+        if (text := propose_rig(name, folder, Path(firmware))) is None:
+            raise ConfigError(
+                f"{firmware} speaks hiltest's own protocol and needs no rig of its own: "
+                f"hiltest run --firmware {firmware}"
+            )
+        proposed = name, text
     try:
         for name in _FOLDERS:
             shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)

@@ -160,15 +160,13 @@ def _below(folder: Path, firmware: Path) -> Path:
 
 def _write_rig(folder: Path, firmware: Path) -> tuple[Path | None, bool]:
     """Write the rig of firmware with its own output; return its file, and whether a virtual board runs it."""
-    from hiltest.interfaces.proposed_rig import look_at
     from hiltest.rig.rig_file import load_rig
-    from hiltest.virtual.program.elf import load_image
 
-    if look_at(load_image(firmware)).speaks_our_protocol:
-        return None, True
     rig = Path("hil", "rigs", f"{legible_name(firmware.stem)}.toml")
     if not rig.exists():
-        _write(rig, propose_rig(rig.stem, folder, firmware))
+        if (text := propose_rig(rig.stem, folder, firmware)) is None:
+            return None, True
+        _write(rig, text)
     return rig, load_rig(rig).board.kind == "virtual"
 
 

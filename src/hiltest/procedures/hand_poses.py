@@ -355,8 +355,8 @@ class _HandReadings(Generic[Taken]):
         same_tilt = (before.pitch_deg, before.roll_deg) == (after.pitch_deg, after.roll_deg)
         if read[0] is None or read[1] is None or not same_tilt or abs(turned_deg) < LEAST_TURN_DEG:
             return ""
-        known = reader.field_at(before), reader.field_at(after)
-        return turn_fault(known, (read[0], read[1]), turned_deg) if reader.has_known_scale else ""
+        known_fields = reader.field_at(before), reader.field_at(after)
+        return turn_fault(known_fields, (read[0], read[1]), turned_deg) if reader.has_known_scale else ""
 
     def unset(self) -> dict[int, str]:
         """Return the poses at which the board was not set as the operator says, each with a description."""
@@ -370,10 +370,10 @@ class _HandReadings(Generic[Taken]):
         fields = [self._reader.read_ut(reading) for _, reading in places]
         if any(field is None for field in fields):
             return unturned
-        known = np.array([self._reader.field_at(achieved) for achieved, _ in places])
+        known_fields = np.array([self._reader.field_at(achieved) for achieved, _ in places])
         gravity = np.array([rotation_body_from_ned(_pose(achieved))[:, 2] for achieved, _ in places])
         faults = {}
-        errors_deg = setting_errors_deg(known, gravity, np.array(fields), self._table.uncertainty_deg)
+        errors_deg = setting_errors_deg(known_fields, gravity, np.array(fields), self._table.uncertainty_deg)
         for row, error_deg in errors_deg.items():
             set_deg = places[row][0].heading_deg
             faults[order[row]] = f"the scale says {set_deg:g}, the field {(set_deg + error_deg) % 360.0:.0f}"

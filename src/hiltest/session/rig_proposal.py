@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 
-from hiltest.errors import ConfigError
 from hiltest.session.operator_prompt import ask
 
 _LONGEST_NAME = 64
@@ -26,13 +25,15 @@ def legible_name(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:_LONGEST_NAME] or "mine"
 
 
-def propose_rig(name: str, folder: Path, firmware: Path) -> str:
-    """Return the text of a rig for ``hil/rigs/NAME.toml`` below a folder.
+def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
+    """Return the text of a rig for ``hil/rigs/NAME.toml`` below a folder; None if the firmware needs none.
+
+    Firmware that speaks hiltest's own protocol needs none.
 
     Raises
     ------
     ConfigError
-        If the file is no firmware, or needs no rig because it speaks hiltest's protocol.
+        If the file is no firmware.
     """
     from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
     from hiltest.rig.bench_files import shipped
@@ -42,9 +43,7 @@ def propose_rig(name: str, folder: Path, firmware: Path) -> str:
     image = load_image(firmware)
     proposals, chip = look_at(image), other_chip(image)
     if proposals.speaks_our_protocol:
-        raise ConfigError(
-            f"{firmware} speaks hiltest's own protocol and needs no rig of its own: hiltest run --firmware {firmware}"
-        )
+        return None
     rigs = shipped() / "rigs"
     machine = chip.machine if chip and chip.machine and (rigs / f"{chip.machine}.toml").exists() else None
     choose = ask_for_option if is_dialogue() else None
