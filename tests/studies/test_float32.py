@@ -26,10 +26,12 @@ from hiltest.studies.float32 import (
 from hiltest.studies.instances import Model, draw_instances
 from hiltest.studies.study import Block, Conclusion, Plan
 
+PLAN = Plan("float32", 3, 7, 60)
+
 
 def test_each_calibrator_has_its_errors_and_how_far_the_board_is_from_float64() -> None:
     block = Block(JUDGED, 5, 2)
-    result = np.reshape(measure(Plan("float32", 3, 7, 60), block), (2, len(names()), 4))
+    result = np.reshape(measure(PLAN, block), (2, len(names(PLAN)), 4))
     drawn = draw_instances(Model(3, 60, 0.3, stream=JUDGED), 5, 2).set_hard_iron(50.0 * RATIOS[JUDGED])
     np.testing.assert_allclose(np.linalg.norm(drawn.hard_iron_ut, axis=1), 500.0, rtol=1e-12)
     for k in range(2):
@@ -56,8 +58,8 @@ def concluded(instances: int = 400, **larger: float) -> Conclusion:
     double = np.linspace(0.1, 0.3, instances)
     blocks = []
     for ratio in RATIOS:
-        item = np.zeros((instances, len(names()), 4))
-        for index, name in enumerate(names()):
+        item = np.zeros((instances, len(names(PLAN)), 4))
+        for index, name in enumerate(names(PLAN)):
             factor = larger.get(name.replace("-", "_"), 1.0) if ratio == RATIOS[-1] else 1.0
             apart = np.full(instances, abs(factor - 1.0))
             item[:, index] = np.column_stack([factor * double, double, apart, np.zeros(instances)])
@@ -71,11 +73,11 @@ def concluded(instances: int = 400, **larger: float) -> Conclusion:
 def test_stable_adds_no_more_than_a_tenth_more_noise_would(factor: float, state: str) -> None:
     """The 95th percentile of float64 is .290 here, from .286 to .295; sqrt(1.1^2 - 1) of it is .131 to .136."""
     result = concluded(direct=factor)
-    count = len(names()) - 1
+    count = len(names(PLAN)) - 1
     assert result.sentence.startswith(f"{count - (state != STABLE)} of the board's {count} calibrators are stable")
     assert ("unstable are direct;" in result.sentence) == (state == UNSTABLE)
     assert (", 1 undecided;" in result.sentence) == (state == UNDECIDED)
-    assert result.table.rows[-len(names())][-1] == state
+    assert result.table.rows[-len(names(PLAN))][-1] == state
 
 
 @pytest.mark.parametrize(("factor", "message"), [(1.0, [False, True]), (2.0, [True, False]), (1.134, [None, None])])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from difflib import get_close_matches
 
 from numpy.typing import ArrayLike
 
@@ -21,6 +22,7 @@ from hiltest.calibration.iterative import fit_iterative
 from hiltest.calibration.levenberg_marquardt import fit_levenberg_marquardt
 from hiltest.calibration.li import fit_li
 from hiltest.calibration.merayo import fit_merayo
+from hiltest.calibration.own import own_calibrator, own_names
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.calibration.taubin import fit_taubin
 from hiltest.errors import ConfigError
@@ -77,18 +79,21 @@ _UNBIASED = frozenset({"corrected", "gauss-newton-geometric", "geometric", "hype
 
 
 def reference(name: str) -> Calibrator:
-    """Return the float64 reference of a calibrator.
+    """Return the float64 reference of a calibrator, or the calibrator of an installed package.
 
     Raises
     ------
     ConfigError
         When there is none by that name; a user's calibrators can run without one.
     """
-    try:
-        return REFERENCES[name]
-    except KeyError:
-        available = ", ".join(sorted(REFERENCES))
-        raise ConfigError(f"calibrator {name!r} has no float64 reference; those that have: {available}") from None
+    calibrator = REFERENCES.get(name) or own_calibrator(name)
+    if calibrator is None:
+        available = sorted([*REFERENCES, *own_names()])
+        near = "".join(f"did you mean {match!r}? " for match in get_close_matches(name, available, 1))
+        raise ConfigError(
+            f"calibrator {name!r} has no float64 reference; {near}those that have: {', '.join(available)}"
+        )
+    return calibrator
 
 
 def is_unbiased(name: str, iterations: int) -> bool:

@@ -102,6 +102,14 @@ def _is_given(option: str) -> bool:
     type=click.IntRange(1),
     help="Set the largest number of cycles of a calibration for choose.",
 )
+@setting_option("firmware", help="Run the calibrators of this ELF as methods of the study, too.")
+@click.option(
+    "--calibrator",
+    "calibrators",
+    metavar="NAME",
+    multiple=True,
+    help="Run this method, too: a float64 reference, or a calibrator of an installed package. Can be repeated.",
+)
 @setting_option("seed", default="1", fallback="1", help="Set the seed; the same seed gives the same numbers.")
 @jobs_option()
 @click.option(
@@ -118,6 +126,8 @@ def study(
     noise_ut: float | None,
     coverage_percent: float,
     cycles: int | None,
+    firmware: Path | None,
+    calibrators: tuple[str, ...],
     seed: int,
     jobs: int | str | None,
     out: str | None,
@@ -138,12 +148,14 @@ def study(
     from hiltest.commands.options import ErrorOutput, asked_to_end
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
+    from hiltest.studies.methods import own_methods
     from hiltest.studies.study import Plan, PrintedFigure, study_of
     from hiltest.studies.study_page import PAGE_FILE, StudyDocument, printed_rows, study_table
     from hiltest.studies.study_run import run_study
 
     chosen = study_of(name)
-    plan = Plan(name, seed, instances or chosen.instances, points or chosen.points)
+    methods = own_methods(firmware, calibrators) if firmware or calibrators else ()
+    plan = Plan(name, seed, instances or chosen.instances, points or chosen.points, methods=methods)
     if name == "choose":
         plan = _plan_choice(plan, points, rig, noise_ut, coverage_percent, cycles)
     elif any(_is_given(option) for option in ("rig", "noise_ut", "coverage_percent", "cycles")):

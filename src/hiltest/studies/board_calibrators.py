@@ -123,6 +123,6 @@ def parse_fit(content: bytes | bytearray) -> MagnetometerFit:
 
 
 @cache
-def board_calibrators() -> BoardCalibrators:
-    """Return the calibrators of the packaged firmware, which is loaded once per process."""
-    return BoardCalibrators()
+def board_calibrators(firmware: Path | None = None) -> BoardCalibrators:
+    """Return the calibrators of firmware, by default the packaged one, which is loaded once per process."""
+    return BoardCalibrators(firmware)

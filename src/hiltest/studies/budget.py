@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,6 +22,7 @@ from hiltest.rig.bench_files import shipped
 from hiltest.rig.rig_file import load_rig
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.methods import split_firmware_method
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 NAMES = tuple(sorted(FIRMWARE))
@@ -40,9 +43,15 @@ _THESIS_PER_POINT, _THESIS_FIXED, _TIMES = 168, 2600, 10.0
 def measure(plan: Plan, block: Block) -> Numbers:
     """Return the numbers of each calibrator for each instance: errors [deg], and cycles."""
     numbers: list[float | int] = []
-    with open_board(load_rig(shipped() / "rigs" / "virtual-k64f.toml")) as board:
-        if plan.points > board.identity.max_points:
-            most = board.identity.max_points
+    files: dict[str | None, list[str]] = {None: list(NAMES)}
+    for method in plan.methods:
+        elf, name = split_firmware_method(method, "budget")
+        files.setdefault(elf, []).append(name)
+    with ExitStack() as stack:
+        rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
+        boards = {file: stack.enter_context(open_board(rig, firmware=Path(file) if file else None)) for file in files}
+        most = min(board.identity.max_points for board in boards.values())
+        if plan.points > most:
             raise ConfigError(f"the board stores {most} points, not {plan.points}: reduce --points")
         for instance in range(block.first, block.first + block.count):
             random = np.random.Generator(np.random.Philox(key=[plan.seed, instance]))
@@ -51,10 +60,11 @@ def measure(plan: Plan, block: Block) -> Numbers:
             offset_ut = random.uniform(-_HARD_IRON_UT, _HARD_IRON_UT, 3)
             field_ut = _FIELD_UT * sphere_directions(plan.points)[evenly_spread(plan.points)]
             points_ut = field_ut @ soft_iron + offset_ut + _NOISE_UT * random.standard_normal(field_ut.shape)
-            upload_points(board, np.rint(COUNTS_PER_UT * points_ut).astype(np.int16))
             readings = COUNTS_PER_UT * (_FIELD_UT * _DIRECTIONS @ soft_iron + offset_ut)
-            for name in NAMES:
-                numbers += _curve(board, name, plan.points, readings)
+            for file, board in boards.items():
+                upload_points(board, np.rint(COUNTS_PER_UT * points_ut).astype(np.int16))
+                for name in files[file]:
+                    numbers += _curve(board, name, plan.points, readings)
     return numbers
 
 
@@ -82,15 +92,16 @@ def _error_within(efforts: Sequence[Effort], errors: Sequence[float], budget: in
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute means, and judge the ratios of the calibrators' cycles."""
-    numbers = np.concatenate([np.reshape(block, (-1, len(NAMES), _NUMBERS)) for block in by_condition[0]])
+    names = plan.names(NAMES)
+    numbers = np.concatenate([np.reshape(block, (-1, len(names), _NUMBERS)) for block in by_condition[0]])
     means, lowest = numbers.mean(axis=0), numbers.min(axis=0)
     rows = tuple(
         (name, budget, float(means[k, place]) if lowest[k, place] >= 0.0 else None)
-        for k, name in enumerate(NAMES)
+        for k, name in enumerate(names)
         for place, budget in enumerate(BUDGETS)
     )
     columns = (Column("calibrator"), Column("cycles", "cycle"), Column("mean error", "deg"))
-    errors, cycles, enough = (dict(zip(NAMES, means[:, k].tolist(), strict=True)) for k in (-3, -2, -1))
+    errors, cycles, enough = (dict(zip(names, means[:, k].tolist(), strict=True)) for k in (-3, -2, -1))
     sentence = (
         f"From {plan.points} points, direct has an error of {errors['direct']:.2f} deg after {cycles['direct']:.0f} "
         "cycles; to within 5 % of the final error "
@@ -159,7 +170,7 @@ def _printed_figures(plan: Plan, cycles: dict[str, float], enough: dict[str, flo
 
 def draw(run: Run, table: Table) -> Figure:
     """Draw mean error against cycles, on logarithmic axes."""
-    lines: dict[str, list[tuple[float, float]]] = {name: [] for name in NAMES}
+    lines: dict[str, list[tuple[float, float]]] = {str(row[0]): [] for row in table.rows}
     for name, cycles, error in table.rows:
         if error is not None:
             lines[str(name)].append((float(cycles or 0) / 1000.0, float(error)))

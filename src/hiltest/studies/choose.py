@@ -15,13 +15,14 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, counted_fit, draw_instances
+from hiltest.studies.methods import calibrate
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
 from hiltest.text import format_number
 
 _HIGH = 0.95
 _NUMBERS = 3
-RECOMMENDED, RUNNER_UP, TOO_DEAR = "recommended", "runner-up", "over budget"
+RECOMMENDED, RUNNER_UP, TOO_DEAR, NOT_COUNTED = "recommended", "runner-up", "over budget", "cycles not counted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Candidate:
     """Instances with an ellipsoid as the result [%]; the others have a sphere."""
     cycles: int
     most_cycles: int
-    """Median over instances, and maximum."""
+    """Median over instances, and maximum; 0 if they are not counted."""
 
     def __str__(self) -> str:
         """Return name, errors and cycles."""
@@ -63,25 +64,28 @@ def measure(plan: Plan, block: Block) -> Numbers:
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
-        for name in board.names:
-            fit, cycles = board.calibrate(name, drawn.counts(k))
+        for name in plan.names(board.names):
+            fit, cycles = (board.calibrate if name in board.names else calibrate)(name, drawn.counts(k))
             error_deg = drawn.direction_error_deg(k, counted_fit(fit, drawn.counts(k)), model.field_ut)
-            numbers += [error_deg, int(fit.status is FitStatus.ELLIPSOID), cycles]
+            numbers += [error_deg, int(fit.status is FitStatus.ELLIPSOID), cycles or 0]
     return numbers
 
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Select the recommended calibrator and the runner-up."""
     conditions, board = plan.conditions or Conditions(), board_calibrators()
-    numbers = np.concatenate([np.reshape(block, (-1, len(board.names), _NUMBERS)) for block in by_condition[0]])
-    candidates = [_candidate(name, numbers[:, index]) for index, name in enumerate(board.names)]
+    names = plan.names(board.names)
+    numbers = np.concatenate([np.reshape(block, (-1, len(names), _NUMBERS)) for block in by_condition[0]])
+    candidates = [_candidate(name, numbers[:, index]) for index, name in enumerate(names)]
+    counted = [candidate for candidate in candidates if candidate.most_cycles]
     affordable = [
-        candidate for candidate in candidates if conditions.cycles is None or candidate.most_cycles <= conditions.cycles
+        candidate for candidate in counted if conditions.cycles is None or candidate.most_cycles <= conditions.cycles
     ]
     best = choose_calibrator(affordable)
     second = choose_calibrator([candidate for candidate in affordable if candidate is not best])
-    too_dear = [candidate for candidate in candidates if candidate not in affordable]
-    marks = dict.fromkeys((candidate.name for candidate in too_dear), TOO_DEAR)
+    too_dear = [candidate for candidate in counted if candidate not in affordable]
+    marks = dict.fromkeys(names, NOT_COUNTED) | dict.fromkeys((candidate.name for candidate in counted), "")
+    marks |= dict.fromkeys((candidate.name for candidate in too_dear), TOO_DEAR)
     for choice, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
         if choice is not None:
             marks[choice.name] = mark
@@ -100,14 +104,14 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             *astuple(candidate.median),
             *astuple(candidate.high),
             candidate.ellipsoids_percent,
-            candidate.cycles,
-            candidate.most_cycles,
-            marks.get(candidate.name, ""),
+            candidate.cycles or None,
+            candidate.most_cycles or None,
+            marks[candidate.name],
         )
         for candidate in candidates
     )
     sentence = f"{_conditions(plan, conditions)}: {_advice(best, second, too_dear)}."
-    measurements = tuple(_measurements(candidates, board.cycle_model))
+    measurements = tuple(_measurements([one for one in candidates if one.name in board.names], board.cycle_model))
     return Conclusion(sentence, measurements, Table("study.choose", columns, rows), ())
 
 
@@ -176,6 +180,7 @@ def draw(run: Run, table: Table) -> Figure:
     entries = [
         (str(row[0]), float(row[8] or 0.0), float(row[1] or 0.0), float(row[4] or 0.0), str(row[10]))
         for row in table.rows
+        if row[8] is not None
     ]
     cycles = [entry[1] for entry in entries]
     figure = Figure(

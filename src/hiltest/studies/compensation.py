@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
-from hiltest.calibration.fit import Array
+from hiltest.calibration.fit import Array, FitStatus
+from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.measurement import Measurement, check
-from hiltest.report.marks import Mark
+from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.instances import Instances, Model, draw_instances
+from hiltest.studies.methods import calibrate
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 NOISE_UT = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
@@ -30,11 +33,16 @@ _WHY = {
 
 def measure(plan: Plan, block: Block) -> Numbers:
     """Return the number of ellipsoids in a block, and the sums of their compensated shares [%]."""
-    drawn = draw_instances(
-        Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition), block.first, block.count
-    )
-    parts = compensated(drawn, fit_quadrics(drawn.points_ut))
-    return parts.shape[1], *(100.0 * parts.sum(axis=1)).tolist()
+    model = Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition)
+    drawn = draw_instances(model, block.first, block.count)
+    shares = [compensated(drawn, fit_quadrics(drawn.points_ut))]
+    for method in plan.methods:
+        fits = [calibrate(method, COUNTS_PER_UT * points_ut)[0] for points_ut in drawn.points_ut]
+        good = np.array([fit.status is FitStatus.ELLIPSOID for fit in fits])
+        soft_iron = np.array([COUNTS_PER_UT * fit.soft_iron for fit in fits])[good]
+        centre_ut = np.array([fit.hard_iron / COUNTS_PER_UT for fit in fits])[good]
+        shares.append(_shares(drawn, good, model.field_ut * soft_iron, centre_ut))
+    return [number for share in shares for number in (share.shape[1], *(100.0 * share.sum(axis=1)).tolist())]
 
 
 def compensated(drawn: Instances, fitted: QuadricBatch, field_ut: float = 50.0) -> Array:
@@ -55,8 +63,12 @@ def compensated(drawn: Instances, fitted: QuadricBatch, field_ut: float = 50.0) 
     eigenvalues, vectors = np.linalg.eigh(fitted.shape[good])
     radii_ut = np.sqrt(fitted.level[good][:, None] / eigenvalues)
     calibration = field_ut * (vectors / radii_ut[:, None, :]) @ np.swapaxes(vectors, -1, -2)
+    return _shares(drawn, good, calibration, fitted.centre[good])
+
+
+def _shares(drawn: Instances, good: NDArray[np.bool_], calibration: Array, centre_ut: Array) -> Array:
     hard_iron_ut = drawn.hard_iron_ut[good]
-    error_ut = fitted.centre[good] - hard_iron_ut
+    error_ut = centre_ut - hard_iron_ut
     distance_ut = np.linalg.norm(hard_iron_ut, axis=-1)
     offset = 1.0 - np.linalg.norm(error_ut, axis=-1) / distance_ut
     calibrated = 1.0 - np.linalg.norm((calibration @ error_ut[..., None])[..., 0], axis=-1) / distance_ut
@@ -68,8 +80,14 @@ def compensated(drawn: Instances, fitted: QuadricBatch, field_ut: float = 50.0) 
 
 def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute the means, and compare them with the thesis' Tables 2 and 3."""
-    sums = np.array([np.sum(blocks, axis=0) for blocks in by_noise])
-    offset, calibrated, sensitivity = (sums[:, 1:] / np.maximum(sums[:, :1], 1.0)).T.tolist()
+    sums = np.array([np.sum(blocks, axis=0) for blocks in by_noise]).reshape(len(NOISE_UT), -1, 4)
+    means = sums[..., 1:] / np.maximum(sums[..., :1], 1.0)
+    offset, calibrated, sensitivity = means[:, 0].T.tolist()
+    own = [
+        (noise_ut, int(sums[row, k, 0]), *means[row, k, :2].tolist(), None, float(means[row, k, 2]), None, method)
+        for k, method in enumerate(plan.methods, 1)
+        for row, noise_ut in enumerate(NOISE_UT)
+    ]
     table = Table(
         "study.compensation",
         (
@@ -80,19 +98,22 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
             Column("offset printed", "%"),
             Column("sensitivity", "%"),
             Column("sensitivity printed", "%"),
+            *([Column("method")] if own else []),
         ),
         tuple(
             zip(
                 NOISE_UT,
-                map(int, sums[:, 0]),
+                map(int, sums[:, 0, 0]),
                 offset,
                 calibrated,
                 OFFSET_PRINTED,
                 sensitivity,
                 SENSITIVITY_PRINTED,
+                *([["direct"] * len(NOISE_UT)] if own else []),
                 strict=True,
             )
-        ),
+        )
+        + tuple(own),
     )
     printed = tuple(
         _printed_figure(quantity, number, noise_ut, printed_value, measured_value)
@@ -139,7 +160,8 @@ def _printed_figure(
 
 def draw(run: Run, table: Table) -> Figure:
     """Draw both tables, printed and measured."""
-    columns = {column.name: [float(cell or 0) for cell in table.column(column.name)] for column in table.columns}
+    rows = table.rows[: len(NOISE_UT)]
+    columns = {column.name: [float(row[k] or 0) for row in rows] for k, column in enumerate(table.columns[:7])}
     figure = Figure(
         title="Error compensated",
         description=run.verdict.sentence,
@@ -158,6 +180,10 @@ def draw(run: Run, table: Table) -> Figure:
         figure.series(
             f"{quantity}, printed", printed, mark=Mark.DIAMOND, mark_style=f"series-{place} hollow", radius=5.0
         )
+    for place, first in enumerate(range(len(NOISE_UT), len(table.rows), len(NOISE_UT)), 2):
+        own = table.rows[first : first + len(NOISE_UT)]
+        style, mark = series(place)
+        figure.series(f"offset, {own[0][7]}", [(float(row[0] or 0), float(row[2] or 0)) for row in own], style, mark)
     return figure
 
 

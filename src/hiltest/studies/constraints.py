@@ -17,6 +17,7 @@ from hiltest.measurement import check
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
+from hiltest.studies.methods import calibrate
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
 # Surfaces of the points in each condition, before noise. Points of the ellipsoid cover only a cap, so that noise can
@@ -36,7 +37,7 @@ _ATTEMPTS = 2000
 # Figures of a method: whether its fit is an ellipsoid, the parameter at which the line leaves the ellipsoids, whether
 # the quadric half-way to there is an ellipsoid, whether it is better, and the ratio of its error to that of the fit.
 _FIGURES = 5
-_NUMBERS = 1 + _FIGURES * len(METHODS)
+_COUNTS = 1000.0  # of a length of 1, for methods of one's own
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
@@ -49,6 +50,10 @@ def measure(plan: Plan, block: Block) -> Numbers:
         numbers.append(int(np.linalg.det(shape_of(best)) > 0.0))
         for method in METHODS.values():
             numbers += _method_figures(clouds, best, method.solve(clouds))
+        for name in plan.methods:
+            fit, _ = calibrate(name, _COUNTS * clouds.points)
+            ellipsoid = Solution(fit.soft_iron * _COUNTS, fit.hard_iron / _COUNTS, np.array(fit.status, np.int8))
+            numbers += _method_figures(clouds, best, ellipsoid)
     return numbers
 
 
@@ -142,10 +147,12 @@ def _method_figures(clouds: Clouds, best: Array, solution: Solution) -> list[flo
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Count the improvements, and judge the thesis' statements."""
-    by_surface = [np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in blocks]) for blocks in by_condition]
+    methods = plan.names(tuple(METHODS))
+    size = 1 + _FIGURES * len(methods)
+    by_surface = [np.concatenate([np.reshape(block, (-1, size)) for block in blocks]) for blocks in by_condition]
     rows: list[tuple[Cell, ...]] = []
     for surface, clouds in zip(SURFACES, by_surface, strict=True):
-        for k, method in enumerate(METHODS):
+        for k, method in enumerate(methods):
             figures = clouds[:, 1 + _FIGURES * k : 1 + _FIGURES * (k + 1)]
             fitted = figures[figures[:, 0] == 1]
             rows.append(
@@ -210,7 +217,7 @@ def draw(run: Run, table: Table) -> Figure:
         width=700.0,
         height=360.0,
     )
-    for k, method in enumerate(METHODS):
+    for k, method in enumerate(dict.fromkeys(str(row[1]) for row in table.rows)):
         style, mark = series(k)
         points = [
             (SURFACES.index(str(row[0])) + 1.0 + 0.1 * (2 * k - 1), float(row[5]))

@@ -22,6 +22,7 @@ from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
+from hiltest.studies.methods import calibrate
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
@@ -33,8 +34,6 @@ COUNTS = 1000.0
 _NOISE = 1e-3
 METHODS = ("uncalibrated", "ellipsoids", "dpi")
 ANGLES = ("heading", "pitch", "roll")
-# Numbers of an instance: the largest errors, and two more.
-_NUMBERS = len(METHODS) * len(ANGLES) + 2
 #: Distances of the screw's middle from the sensor [mm]; the paper's screw lies on the sensor's case.
 _NO_SCREW_MM = 1e6
 SCREW_MM = (_NO_SCREW_MM, 40.0, 30.0, 20.0, 15.0, 12.0)
@@ -68,16 +67,18 @@ def measure(plan: Plan, block: Block) -> Numbers:
     for instance in range(block.first, block.first + block.count):
         random = np.random.Generator(np.random.Philox(key=[plan.seed, instance]))
         if block.condition:
-            numbers += _screw_numbers(random, SCREW_MM[block.condition - 1])
+            numbers += _screw_numbers(random, SCREW_MM[block.condition - 1], plan.methods)
             continue
         magnetometer, accelerometer = draw_sensor(random, 8.0, 0.2, 0.5), draw_sensor(random, 0.5, 0.05, 0.1)
-        errors, gravity_fit, _, dpi_fit = _errors_deg(random, magnetometer, accelerometer, judged_attitudes())
+        errors, gravity_fit, _, dpi_fit = _errors_deg(
+            random, magnetometer, accelerometer, judged_attitudes(), plan.methods
+        )
         remaining_deg = rotation_left_deg(dpi_fit, magnetometer.response)
         numbers += [*errors, remaining_deg, rotation_left_deg(gravity_fit, accelerometer.response)]
     return numbers
 
 
-def _screw_numbers(random: np.random.Generator, distance_mm: float) -> list[float]:
+def _screw_numbers(random: np.random.Generator, distance_mm: float, own: Sequence[str]) -> list[float]:
     """Return the numbers of a factory-calibrated part on a level table, with a screw in any direction."""
     magnetometer, accelerometer = draw_sensor(random, 0.5, 0.05, 0.1), draw_sensor(random, 0.5, 0.05, 0.1)
     towards, axis = (vector / np.linalg.norm(vector) for vector in random.standard_normal((2, 3)))
@@ -86,7 +87,7 @@ def _screw_numbers(random: np.random.Generator, distance_mm: float) -> list[floa
     disturbed = Sensor(
         magnetometer.response @ (np.eye(3) + effect), magnetometer.offset + magnetometer.response @ hard_iron
     )
-    errors, _, norm_fit, _ = _errors_deg(random, disturbed, accelerometer, judged_attitudes()[:24])
+    errors, _, norm_fit, _ = _errors_deg(random, disturbed, accelerometer, judged_attitudes()[:24], own)
     return [*errors, rotation_left_deg(norm_fit, disturbed.response), float(np.linalg.norm(hard_iron))]
 
 
@@ -122,7 +123,7 @@ def screw_effect(towards: Array, axis: Array, distance_mm: float) -> Array:
 
 
 def _errors_deg(
-    random: np.random.Generator, magnetometer: Sensor, accelerometer: Sensor, judged: Rotation
+    random: np.random.Generator, magnetometer: Sensor, accelerometer: Sensor, judged: Rotation, own: Sequence[str]
 ) -> tuple[list[float], MagnetometerFit, MagnetometerFit, MagnetometerFit]:
     """Return the largest errors by method and angle, and the fits: gravity's, the field's by norms, and by dpi."""
     down, field = _vectors(Rotation.random(_SAMPLES, rng=random))
@@ -140,6 +141,7 @@ def _errors_deg(
         (readings_down, readings),
         (gravity_fit.corrected(readings_down), norm_fit.corrected(readings)),
         (gravity_fit.corrected(readings_down), dpi_fit.corrected(readings)),
+        *((gravity_fit.corrected(readings_down), calibrate(name, counts)[0].corrected(readings)) for name in own),
     ):
         off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
         errors += np.abs(off_deg).max(axis=0).tolist()
@@ -177,8 +179,10 @@ def attitudes_deg(down: Array, field: Array) -> Array:
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute medians and 95th percentiles of the largest errors, and compare those with and without the screw."""
+    methods = plan.names(METHODS)
+    size = len(methods) * len(ANGLES) + 2  # the largest errors, and two more
     instances, *with_screw = (
-        np.concatenate([np.reshape(block, (-1, _NUMBERS)) for block in blocks]) for blocks in by_condition
+        np.concatenate([np.reshape(block, (-1, size)) for block in blocks]) for blocks in by_condition
     )
     labels = ["", *(f", screw at {mm:g} mm" if mm < _NO_SCREW_MM else ", no screw" for mm in SCREW_MM)]
     estimates = {
@@ -186,7 +190,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             quantile(numbers[:, len(ANGLES) * k + j], share) for j in range(3) for share in (0.5, 0.95)
         ]
         for label, numbers in zip(labels, (instances, *with_screw), strict=True)
-        for k, method in enumerate(METHODS)
+        for k, method in enumerate(methods)
     }
     rows = tuple((name, *(cell for estimate in of for cell in astuple(estimate))) for name, of in estimates.items())
     columns = (
@@ -264,7 +268,8 @@ def _remaining_rotation(instances: Array) -> PrintedFigure:
 
 def draw(run: Run, table: Table) -> Figure:
     """Draw the medians, and the 95th percentiles above them."""
-    values = [[float(cell or 0) for cell in row[1::3]] for row in table.rows[: len(METHODS)]]
+    shown = table.rows[: len(table.rows) // (1 + len(SCREW_MM))]
+    values = [[float(cell or 0) for cell in row[1::3]] for row in shown]
     all_values = [value for row in values for value in row]
     figure = Figure(
         title="Largest errors: heading, pitch, roll",
@@ -278,12 +283,15 @@ def draw(run: Run, table: Table) -> Figure:
         height=360.0,
         log_y=True,
     )
-    for k, method in enumerate(METHODS):
+    for k, (method, *_) in enumerate(shown):
         style, mark = series(k)
         places = [j + 1.0 + 0.15 * (k - 1) for j in range(len(ANGLES))]
         figure.bars(zip(places, values[k][::2], values[k][1::2], strict=True), style)
         figure.series(
-            method, list(zip(places, values[k][::2], strict=True)), mark=mark or Mark.DOT, mark_style=f"{style} filled"
+            str(method),
+            list(zip(places, values[k][::2], strict=True)),
+            mark=mark or Mark.DOT,
+            mark_style=f"{style} filled",
         )
     return figure
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from scipy.stats import beta
 
+from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.measurement import Measurement, check
-from hiltest.report.marks import Mark
+from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
-from hiltest.studies.instances import Model, kernel, non_ellipsoids
+from hiltest.studies.instances import Model, draw_instances, kernel, non_ellipsoids
+from hiltest.studies.methods import calibrate
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 from hiltest.text import number
 
@@ -24,12 +28,17 @@ def measure(plan: Plan, block: Block) -> Numbers:
     model = Model(plan.seed, plan.points, NOISE_UT[block.condition], stream=block.condition)
     in_c, _ = kernel()
     count = non_ellipsoids if in_c is None else in_c.non_ellipsoids
-    return (count(model, block.first, block.count),)
+    if not plan.methods:
+        return (count(model, block.first, block.count),)
+    points = COUNTS_PER_UT * draw_instances(model, block.first, block.count).points_ut
+    own = [sum(calibrate(name, one)[0].status != FitStatus.ELLIPSOID for one in points) for name in plan.methods]
+    return count(model, block.first, block.count), *own
 
 
 def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Add up the counts, and judge the thesis' statements."""
-    counts = [sum(int(count) for (count,) in blocks) for blocks in by_noise]
+    by_method = np.array([np.sum(blocks, axis=0, dtype=int) for blocks in by_noise]).T.tolist()
+    counts = by_method[0]
     total, instances = sum(counts), plan.instances * len(counts)
     table = Table(
         "study.ellipsoids",
@@ -40,8 +49,13 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
             Column("per million"),
             Column("at least"),
             Column("at most"),
+            *([Column("method")] if plan.methods else []),
         ),
-        tuple(_row(noise_ut, count, plan.instances) for noise_ut, count in zip(NOISE_UT, counts, strict=True)),
+        tuple(
+            (*_row(noise_ut, count, plan.instances), *([method] if plan.methods else []))
+            for method, row in zip(("direct", *plan.methods), by_method, strict=True)
+            for noise_ut, count in zip(NOISE_UT, row, strict=True)
+        ),
     )
     summary = f"{number(total)} of {number(instances)} quadrics are not ellipsoids at {number(plan.points)} points"
     return Conclusion(
@@ -99,27 +113,29 @@ def _judge_nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
 
 def draw(run: Run, table: Table) -> Figure:
     """Draw the share of non-ellipsoids against noise."""
-    noise, share, low, high = (
-        [float(cell or 0) for cell in table.column(name)] for name in ("noise", "per million", "at least", "at most")
-    )
-    share, low, high = ([100.0 * value / _MILLION for value in column] for column in (share, low, high))
+    cells = np.array([row[:6] for row in table.rows], dtype=float)
+    cells[:, 3:] *= 100.0 / _MILLION
+    noise = NOISE_UT
     figure = Figure(
         title="Quadrics that are not ellipsoids",
         description=run.verdict.sentence,
         x_label="noise [uT]",
         y_label="share of instances [%]",
         x_range=(0.0, noise[-1] + noise[0]),
-        y_range=(0.0, 1.05 * max(high)),
+        y_range=(0.0, 1.05 * float(cells[:, 5].max())),
         width=560.0,
         height=360.0,
     )
-    figure.bars(zip(noise, low, high, strict=True), "series-0")
-    figure.series(
-        "measured, with its 95 % interval",
-        list(zip(noise, share, strict=True)),
-        mark=Mark.DOT,
-        mark_style="series-0 filled",
-    )
+    for k, first in enumerate(range(0, len(cells), len(noise))):
+        style, mark = series(k)
+        of, *_ = (row[6:] for row in table.rows[first:])
+        figure.bars(cells[first : first + len(noise), [0, 4, 5]].tolist(), style)
+        figure.series(
+            f"{of[0]}, with its 95 % interval" if of else "measured, with its 95 % interval",
+            cells[first : first + len(noise), [0, 3]].tolist(),
+            mark=mark,
+            mark_style=f"{style} filled",
+        )
     return figure
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
@@ -18,6 +17,7 @@ from hiltest.report.marks import series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.instances import Instances, Model, counted_fit, draw_instances
+from hiltest.studies.methods import calibrate
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
@@ -65,21 +65,21 @@ def measure(plan: Plan, block: Block) -> Numbers:
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
-        for fit in _fits(drawn, k):
+        for fit in _fits(drawn, k, plan.names(NAMES)):
             numbers += [drawn.direction_error_deg(k, fit, model.field_ut), int(fit.status is FitStatus.ELLIPSOID)]
     return numbers
 
 
-def _fits(drawn: Instances, k: int) -> list[MagnetometerFit]:
+def _fits(drawn: Instances, k: int, names: Sequence[str]) -> list[MagnetometerFit]:
     points = COUNTS_PER_UT * drawn.points_ut[k]
-    fits = (estimate(name, points) for name in NAMES[2:])
+    fits = (estimate(name, points) for name in names[2:])
     return [no_fit(FitStatus.SINGULAR), fit_sphere(points), *(counted_fit(fit, points) for fit in fits)]
 
 
 def estimate(name: str, points: Array) -> MagnetometerFit:
     """Return the fit of a calibrator that refuses nothing by its predicted error."""
     if name not in BATCHES:
-        return REFERENCES[name](points, largest_error_deg=math.inf)
+        return calibrate(name, points)[0]
     batch = BATCHES[name](points)
     if not batch.is_ellipsoid:
         return no_fit(FitStatus.NOT_AN_ELLIPSOID)
@@ -88,12 +88,13 @@ def estimate(name: str, points: Array) -> MagnetometerFit:
 
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute medians and 95th percentiles, and judge the thesis' statements."""
+    names = plan.names(NAMES)
     numbers_by_condition = [
-        np.concatenate([np.reshape(block, (-1, len(NAMES), 2)) for block in blocks]) for blocks in by_condition
+        np.concatenate([np.reshape(block, (-1, len(names), 2)) for block in blocks]) for blocks in by_condition
     ]
     rows: list[tuple[Cell, ...]] = []
     for condition, numbers in zip(CONDITIONS, numbers_by_condition, strict=True):
-        for index, name in enumerate(NAMES):
+        for index, name in enumerate(names):
             rows.append(
                 (
                     name,
@@ -117,7 +118,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("ellipsoids", "%"),
     )
     errors = numbers_by_condition[JUDGED][:, :, 0]
-    medians = {name: quantile(errors[:, index], _MEDIAN) for index, name in enumerate(NAMES)}
+    medians = {name: quantile(errors[:, index], _MEDIAN) for index, name in enumerate(names)}
     best = min(medians, key=lambda name: medians[name].value)
     judged = CONDITIONS[JUDGED]
     sentence = (
@@ -167,7 +168,9 @@ def _printed_figures(medians: dict[str, Estimate]) -> list[PrintedFigure]:
 def draw(run: Run, table: Table) -> Figure:
     """Draw the median error against noise, for many points."""
     judged = CONDITIONS[JUDGED]
-    lines: dict[str, list[tuple[float, float]]] = {name: [] for name in _DRAWN}
+    lines: dict[str, list[tuple[float, float]]] = {
+        name: [] for name in (*_DRAWN, *(str(row[0]) for row in table.rows if row[0] not in NAMES))
+    }
     for row in table.rows:
         name, noise, count, occluded, stretch, median = row[:6]
         is_judged = (count, occluded, stretch) == (judged.points, 100.0 * judged.occluded, judged.stretch)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import astuple
 from itertools import takewhile
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, counted_fit, draw_instances
+from hiltest.studies.methods import split_firmware_method
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
@@ -38,9 +40,9 @@ _NUMBERS = 4
 STABLE, UNSTABLE, UNDECIDED = "stable", "unstable", "undecided"
 
 
-def names() -> tuple[str, ...]:
-    """Return the names of the board's calibrators and of the one for comparison."""
-    return (*board_calibrators().names, ABOUT_ZERO)
+def names(plan: Plan) -> tuple[str, ...]:
+    """Return the names of the board's calibrators, those of one's own firmware, and the one for comparison."""
+    return (*plan.names(board_calibrators().names), ABOUT_ZERO)
 
 
 def measure(plan: Plan, block: Block) -> Numbers:
@@ -54,9 +56,11 @@ def measure(plan: Plan, block: Block) -> Numbers:
     numbers: list[float | int] = []
     for k in range(block.count):
         counts = drawn.counts(k)
-        for name in names():
-            single = about_zero(counts) if name == ABOUT_ZERO else board.calibrate(name, counts)[0]
-            double = reference("direct" if name == ABOUT_ZERO else name)(counts)
+        for name in names(plan):
+            file, in_table = split_firmware_method(name, "float32") if name in plan.methods else (None, name)
+            calibrators = board if file is None else board_calibrators(Path(file))
+            single = about_zero(counts) if name == ABOUT_ZERO else calibrators.calibrate(in_table, counts)[0]
+            double = reference("direct" if name == ABOUT_ZERO else in_table)(counts)
             differs = single.status != double.status
             if name != ABOUT_ZERO:
                 single = counted_fit(single, counts)
@@ -110,14 +114,15 @@ def _solve_normal_equations(equations: NDArray[np.float32]) -> NDArray[np.float3
 def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusion:
     """Compute medians and 95th percentiles, and compare float32's effect with that of noise."""
     by_ratio = [
-        np.concatenate([np.reshape(block, (-1, len(names()), _NUMBERS)) for block in blocks]) for blocks in by_condition
+        np.concatenate([np.reshape(block, (-1, len(names(plan)), _NUMBERS)) for block in blocks])
+        for blocks in by_condition
     ]
     rows: list[tuple[Cell, ...]] = []
     states: dict[str, list[str]] = {}
     apart: dict[str, list[Estimate]] = {}
     medians: list[Estimate] = []
     for ratio, numbers in zip(RATIOS, by_ratio, strict=True):
-        for index, name in enumerate(names()):
+        for index, name in enumerate(names(plan)):
             single, double, angles, differs = numbers[:, index].T
             quantiles = [quantile(errors, share) for share in (0.5, _HIGH) for errors in (single, double)]
             alike = angles[differs == 0]
@@ -141,7 +146,7 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         Column("other status", "%"),
         Column("float32 is"),
     )
-    board = names()[:-1]
+    board = names(plan)[:-1]
     stable = sum(set(states[name]) == {STABLE} for name in board)
     unstable = [name for name in board if UNSTABLE in states[name]]
     undecided = len(board) - stable - len(unstable)
@@ -153,10 +158,11 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         + f"; the largest angle to float64 is {worst} deg in {100 * _HIGH:g} % of {plan.instances} instances, with "
         f"the 95 % confidence interval; with sums about the sensor's zero, direct is {_range(states[ABOUT_ZERO])}."
     )
-    judged = [quantile(by_ratio[JUDGED][:, index, 2], _HIGH) for index in range(len(names()))]
+    judged = [quantile(by_ratio[JUDGED][:, index, 2], _HIGH) for index in range(len(names(plan)))]
     measurements = tuple(
         quantile_measurement(f"study.float32.{name}.apart", estimate, "deg")
-        for name, estimate in zip(names(), judged, strict=True)
+        for name, estimate in zip(names(plan), judged, strict=True)
+        if name not in plan.methods
     )
     table = Table("study.float32", columns, tuple(rows))
     return Conclusion(sentence, measurements, table, _printed_figures(medians, states[ABOUT_ZERO]))

@@ -19,6 +19,7 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.dpi import COUNTS, draw_sensor
 from hiltest.studies.instances import Model, draw_instances
+from hiltest.studies.methods import calibrate
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
 
@@ -69,7 +70,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     for k in range(block.count):
         counts = drawn.counts(k)
         centred = counts - counts.mean(axis=0)
-        for method in METHODS:
+        for method in plan.names(METHODS):
             numbers += [_rms(method, points, model.field_ut * COUNTS_PER_UT) for points in (counts, centred)]
         numbers.append(int(is_same_for_li(counts.astype(np.int64))))
     return numbers
@@ -79,7 +80,7 @@ def _rms(method: str, counts: Array, field_counts: float) -> float:
     """Return the rms deviation of the norms from 1; 0 if there is no fit."""
     if method == UNCALIBRATED:
         return float(np.sqrt(np.mean((1.0 - np.linalg.norm(counts, axis=1) / field_counts) ** 2)))
-    fit = REFERENCES[method](counts)
+    fit = REFERENCES[method](counts) if method in REFERENCES else calibrate(method, counts)[0]
     return residual_percent(counts, fit) / 100.0 if fit.status is FitStatus.ELLIPSOID else 0.0
 
 
@@ -144,9 +145,11 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     numbers_by_condition = [
         np.concatenate([np.asarray(block) for block in blocks]).reshape(plan.instances, -1) for blocks in by_condition
     ]
-    norms = np.array(
-        [numbers[:, :-1].reshape(plan.instances, len(METHODS), 2) for numbers in numbers_by_condition[:ACCELEROMETER]]
+    methods = plan.names(METHODS)
+    all_norms = np.array(
+        [numbers[:, :-1].reshape(plan.instances, len(methods), 2) for numbers in numbers_by_condition[:ACCELEROMETER]]
     )
+    norms = all_norms[:, :, : len(METHODS)]
     differing = int(sum((numbers[:, -1] == 0).sum() for numbers in numbers_by_condition[:ACCELEROMETER]))
     axes = numbers_by_condition[ACCELEROMETER].reshape(plan.instances, len(_PLACES), 3)
     all_axes = np.concatenate([axes, np.linalg.norm(axes, axis=-1, keepdims=True)], axis=-1)
@@ -160,8 +163,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
             _percent_without_fit(rms[:, k, 0]),
             _percent_without_fit(rms[:, k, 1]),
         )
-        for offset, rms in zip(OFFSETS, norms, strict=True)
-        for k, method in enumerate(METHODS)
+        for offset, rms in zip(OFFSETS, all_norms, strict=True)
+        for k, method in enumerate(methods)
     ]
     rows += [
         (

@@ -45,6 +45,12 @@ class Plan:
     """Points of each instance; 0 if the study has its own numbers of points."""
     conditions: Conditions | None = None
     """Conditions for the study `choose`."""
+    methods: tuple[str, ...] = ()
+    """Methods of one's own, by the names of `hiltest.studies.methods`."""
+
+    def names(self, of_the_study: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of a study's methods, and those of one's own after them."""
+        return tuple(dict.fromkeys((*of_the_study, *self.methods)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,7 +65,7 @@ def run_study(
             {
                 "schema": "hiltest.study-blocks/1",
                 "hiltest": __version__,
-                "plan": asdict(plan),
+                "plan": _as_json(plan),
                 "started_utc": began_utc,
                 "environment": asdict(describe_host()),
             }
@@ -95,7 +95,7 @@ def _saved_blocks(plan: Plan, journal: Path) -> dict[int, Numbers]:
         try:
             entry: Any = parse_json(line, STUDY_JOURNAL)
             if entry["kind"] == "start":
-                if (entry["hiltest"], entry["plan"]) != (__version__, asdict(plan)):
+                if (entry["hiltest"], entry["plan"]) != (__version__, _as_json(plan)):
                     raise ConfigError(
                         f"{journal}: it contains blocks of another study: {_describe_start(entry)}; {_OTHERWISE}"
                     )
@@ -109,10 +109,14 @@ def _saved_blocks(plan: Plan, journal: Path) -> dict[int, Numbers]:
     return numbers_by_block
 
 
+def _as_json(plan: Plan) -> dict[str, Any]:
+    return asdict(plan) | {"methods": list(plan.methods)}
+
+
 def _describe_start(start: Mapping[str, Any]) -> str:
     plan = dict(start["plan"])
     conditions = plan.pop("conditions", None) or {}
-    settings = (f"{key} {value}" for key, value in (plan | conditions).items() if value is not None)
+    settings = (f"{key} {value}" for key, value in (plan | conditions).items() if value not in (None, []))
     return ", ".join([f"hiltest {start['hiltest']}", *settings])
 
 

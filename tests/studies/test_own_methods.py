@@ -1,0 +1,132 @@
+"""A method of one's own takes part in every study: by a package's entry point, or in firmware."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.command_files import run
+from tests.own_package import WRONG, install
+
+from hiltest.boards.bench import default_firmware
+from hiltest.calibration import own, reference
+from hiltest.calibration.fit import FitStatus
+from hiltest.calibration.sphere import fit_sphere
+from hiltest.errors import ConfigError
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Table
+from hiltest.studies import NAMES
+from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.instances import Model, draw_instances
+
+#: Studies that compare cycles or precisions of firmware, and have no use for a method without both.
+OF_FIRMWARE = {"budget", "float32"}
+
+
+@pytest.fixture(autouse=True)
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    folder = tmp_path / "site-packages"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(install(folder))
+    own.own_calibrator.cache_clear()
+    yield
+    own.own_calibrator.cache_clear()
+
+
+def counts() -> np.ndarray:
+    return draw_instances(Model(1, 60, 0.3), 0, 1).counts(0)
+
+
+@pytest.mark.parametrize(("name", "centre"), [("sphere-fit", fit_sphere), ("middle", None)])
+def test_a_package_s_function_or_class_is_a_calibrator_whose_corrected_points_have_length_1(
+    name: str, centre: object
+) -> None:
+    points = counts()
+    fit = reference(name)(points)
+    expected = fit_sphere(points).hard_iron if centre else (points.min(axis=0) + points.max(axis=0)) / 2.0
+    assert fit.hard_iron == pytest.approx(expected, rel=1e-6)
+    assert np.linalg.norm(fit.corrected(points), axis=1).mean() == pytest.approx(1.0)
+
+
+def test_a_refusal_is_no_fit() -> None:
+    assert reference("never")(counts()).status is FitStatus.NOT_AN_ELLIPSOID
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [
+        ("broken", "raises LookupError: 'no table'|raises LookupError: no table"),
+        ("shapeless", r"return hard_iron of shape \(3,\)"),
+        ("absent", "cannot be loaded, AttributeError"),
+        ("unimportable", "cannot be loaded, ModuleNotFoundError"),
+        ("nothing", "is no function"),
+    ],
+)
+def test_an_error_of_a_package_names_its_distribution(name: str, fault: str) -> None:
+    place = WRONG.get(name, f"spin_sphere:{name}")
+    with pytest.raises(ConfigError, match=rf"^the calibrator {name} of spin-sphere 1.2 \({place}\) .*({fault})"):
+        reference(name)(counts())
+
+
+def table_of(name: str, folder: Path, *words: str) -> Table:
+    """Run a small study, and return its table."""
+    assert run("study", name, "--instances", "2", "--jobs", "1", "--out", str(folder), *words) == 0
+    table = read_record(folder).run.table(f"study.{name}")
+    assert table is not None
+    return table
+
+
+def rows_of(table: Table, method: str) -> list[tuple[object, ...]]:
+    """Return the rows of a method, without its name."""
+    named = [row for row in table.rows if any(str(cell).partition(",")[0] == method for cell in row)]
+    return [tuple(cell for cell in row if not isinstance(cell, str)) for row in named]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("budget", "float32"))) for name in NAMES]
+)
+def test_every_study_has_rows_of_a_method_of_one_s_own(name: str, tmp_path: Path) -> None:
+    elf = tmp_path / "mine.elf"
+    elf.write_bytes(default_firmware().read_bytes())
+    words = [] if name in OF_FIRMWARE else ["--calibrator", "sphere-fit"]
+    table = table_of(name, tmp_path / "out", "--firmware", str(elf), *words)
+    in_elf = f"{elf}:direct"
+    assert rows_of(table, in_elf)
+    if name in ("budget", "choose", "float32"):  # the packaged firmware is this file
+        assert rows_of(table, in_elf) == rows_of(table, "direct")
+    if name not in OF_FIRMWARE:
+        assert rows_of(table, "sphere-fit")
+        assert rows_of(table, "sphere-fit") != rows_of(table, in_elf)
+    page = (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
+    assert "mine.elf:direct" in page
+
+
+def test_a_sphere_errs_like_the_study_s_own_sphere(tmp_path: Path) -> None:
+    table = table_of("estimators", tmp_path / "out", "--calibrator", "sphere-fit")
+    for own_row, row in zip(rows_of(table, "sphere-fit"), rows_of(table, "sphere"), strict=True):
+        assert own_row[4] == pytest.approx(row[4], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["budget", "--calibrator", "sphere-fit"], "sphere-fit"),
+        (["float32", "--calibrator", "sphere-fit"], "sphere-fit"),
+        (["estimators", "--calibrator", "sphere-fi"], "did you mean 'sphere-fit'?"),
+        (["estimators", "--calibrator", "broken"], "broken of spin-sphere 1.2"),
+    ],
+)
+def test_a_method_that_a_study_cannot_run_is_named(
+    words: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("study", *words, "--instances", "1", "--jobs", "1", "--out", str(tmp_path)) == 4
+    assert named in capsys.readouterr().err
+
+
+def test_firmware_without_calibrators_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    elf = default_firmware().with_name("compass-lines.elf")
+    assert not board_calibrators(elf).names
+    assert run("study", "choose", "--firmware", str(elf), "--instances", "1", "--out", str(tmp_path)) == 4
+    assert f"{elf} has no table of calibrators" in capsys.readouterr().err
