@@ -257,3 +257,18 @@ def _missing(reason: str) -> NoReturn:
     if os.environ.get("HILTEST_REQUIRE_TOOLS"):
         pytest.fail(f"{reason}, and HILTEST_REQUIRE_TOOLS is set", pytrace=False)
     pytest.skip(reason)
+
+
+@pytest.fixture
+def own_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An installed package with calibrators: `tests.own_package`."""
+    from hiltest.calibration.own import own_calibrator
+
+    from .own_package import install
+
+    folder = tmp_path / "site-packages"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(install(folder))
+    own_calibrator.cache_clear()
+    yield
+    own_calibrator.cache_clear()

@@ -43,6 +43,32 @@ def test_the_predicted_heading_error_is_that_of_simulated_logs() -> None:
     assert 0.5 < np.median(off.std(axis=0)) / predicted < 2.0
 
 
+@pytest.mark.usefixtures("own_package")
+@pytest.mark.parametrize("stretch", [0.03, 0.06, 0.09])
+def test_the_error_of_a_calibrator_that_does_not_fit_is_its_own(stretch: float) -> None:
+    """A sphere is fitted to an ellipsoid: the stated heading error is the true one, not that of the ellipsoid."""
+    random = np.random.default_rng(7)
+    soft_iron = np.diag([1.0 + stretch, 1.0 - stretch, 1.0]) + 0.3 * stretch * (np.ones((3, 3)) - np.eye(3))
+    hard_iron = np.array([12.0, -30.0, 5.5])
+    # The noise on each sample is 0.4 uT.
+    readings = 48.5 * sphere_directions(1000) @ soft_iron + hard_iron + random.normal(0.0, 0.4, (1000, 3))
+    fit = fit_on_host(_samples(readings), "sphere-fit")
+    headings, down = np.radians(HEADINGS_DEG[1:]), np.radians(60.0)
+    level = np.cos(down) * np.column_stack([np.cos(headings), -np.sin(headings)])
+    field = 48.5 * np.column_stack([level, np.full(len(headings), np.sin(down))]) @ soft_iron
+    x, y, _ = ((field + hard_iron - np.array(fit.best.hard_iron)) @ np.array(fit.best.soft_iron).T).T
+    off_deg = (np.degrees(np.arctan2(-y, x)) - HEADINGS_DEG[1:] + 180.0) % 360.0 - 180.0
+    true_deg = float(np.sqrt((off_deg**2).mean()))
+    # The ellipsoid errs by 0.1 deg of heading itself, which is a tenth of the smallest of these errors.
+    assert calibrated_heading_error_deg(fit) == pytest.approx(true_deg, rel=0.1)
+    assert fit.best.error_is_measured
+    assert "(measured against the ellipsoid of the same samples, plus any rotation)" in headline(fit)
+    ellipsoid = fit_on_host(_samples(readings), "direct")
+    assert not ellipsoid.best.error_is_measured
+    assert "(predicted, plus any rotation)" in headline(ellipsoid)
+    assert true_deg > 5.0 * (calibrated_heading_error_deg(ellipsoid) or 0.0)
+
+
 def test_the_sentence_has_verdict_iron_and_both_errors() -> None:
     fit = fit_on_host(_samples(hand_turned(1, 1200)), "direct")
     sentence = headline(fit)

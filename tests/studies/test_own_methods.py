@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.command_files import run
-from tests.own_package import WRONG, install
+from tests.own_package import WRONG
 
 from hiltest.boards.bench import default_firmware
-from hiltest.calibration import own, reference
+from hiltest.calibration import reference
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.errors import ConfigError
@@ -25,14 +24,7 @@ from hiltest.studies.instances import Model, draw_instances
 OF_FIRMWARE = {"budget", "float32"}
 
 
-@pytest.fixture(autouse=True)
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    folder = tmp_path / "site-packages"
-    folder.mkdir()
-    monkeypatch.syspath_prepend(install(folder))
-    own.own_calibrator.cache_clear()
-    yield
-    own.own_calibrator.cache_clear()
+pytestmark = pytest.mark.usefixtures("own_package")
 
 
 def counts() -> np.ndarray:

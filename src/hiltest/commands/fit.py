@@ -59,7 +59,8 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     metavar="NAME",
     default="board",
     show_default=True,
-    help="Run this calibrator. board: all of the firmware. all: also float64 references from the literature.",
+    help="Run this calibrator, of the firmware or an installed package. board: all of the firmware. all: also float64 "
+    "references from the literature.",
 )
 @click.option(
     "--shape",
@@ -289,7 +290,9 @@ def _fit(
 
         return fit_by_shape(samples, Shape(shape), robust=robust, field_ut=field_ut)
     any_shape = shape == "auto"
-    if on == "host":
+    from hiltest.calibration.own import own_calibrator
+
+    if on == "host" or (firmware is None and own_calibrator(calibrator) is not None):
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")
         return fit_on_host(samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)

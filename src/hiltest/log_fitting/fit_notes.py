@@ -47,6 +47,11 @@ def notes(fit: SampleFit) -> Iterator[str]:
     yield from _coverage_notes(fit)
     if fit.worse_than_none:
         yield f"{', '.join(fit.worse_than_none)}: worse than as read, without calibration; do not use it."
+    if measured := [result.name for result in fit.calibrators if result.error_is_measured]:
+        yield (
+            f"The direction error of {', '.join(measured)} is measured, against the ellipsoid of the same samples; "
+            "others are predicted from the noise."
+        )
     if fit.gravity is not None and fit.gravity.unused:
         yield fit.gravity.axes or f"Gravity was not used: {fit.gravity.unused}."
     ratio = fit.best.axis_ratio

@@ -132,7 +132,12 @@ class CalibratorFit:
     direction_spread_deg: float | None = None
     direction_bias_deg: float | None = None
     """Direction errors predicted from the points' noise, rms over the sphere, or over a turn; the first combines the
-    others."""
+    others. If `error_is_measured`, the prediction for the ellipsoid of the samples, with the difference as a bias."""
+    direction_difference_deg: float | None = None
+    """Measured rms angle over the sphere to the directions of the unbiased ellipsoid (`corrected`, in float64) of all
+    samples; None without one."""
+    error_is_measured: bool = False
+    """True if that difference is larger than the predicted error."""
     shape: Shape | None = None
     """Fitted shape; None for a calibrator."""
     turn: Turn | None = None
@@ -221,6 +226,8 @@ class SampleFit:
     """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
     following: Following | None = None
     """Iron that follows columns; None if no column was named."""
+    ellipsoid: CalibratorFit | None = None
+    """The unbiased ellipsoid of the samples, against which errors are measured; None if all are predicted."""
 
     @property
     def n_left(self) -> int:

@@ -79,7 +79,7 @@ def against_gravity(
         figures = GravityFigures()
         if fit.is_ellipsoid:
             figures = _figures(fit, points, acceleration, held_out_dip_deg(method, points, acceleration))
-        fits.append(replace(rating.calibrator(name, fit.magnetometer, points), gravity=figures))
+        fits.append(replace(rating.calibrator(name, fit.magnetometer, points, against_gravity=True), gravity=figures))
     return log, fits
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -10,11 +11,13 @@ from numpy.typing import NDArray
 
 from hiltest.calibration import is_unbiased
 from hiltest.calibration.acceptance import Acceptance, FitFigures, rate, status_words
+from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg, residual_of_corrected_percent
 from hiltest.calibration.shapes import Shape, fit_shape
 from hiltest.calibration.solid_angle import solid_angle_covered
+from hiltest.log_fitting.counts import CountScale
 from hiltest.log_fitting.fit_result import AS_READ, CalibratorFit, Triple, Turn
 from hiltest.log_fitting.samples import Samples
 from hiltest.log_fitting.span import FieldChange
@@ -23,6 +26,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Largest mean of raw norms to which their spread is relative, in radii: raw counts may be about any number.
 _FARTHEST_ZERO = 3.0
+_MISFIT = "its directions differ by this from those of the ellipsoid of the same samples; use another calibrator"
 # Multiple of the predicted error above which a correction is no accident, as for the halves.
 _CLEARLY = 3.0
 
@@ -50,14 +54,42 @@ class Rating:
         self._predicted = samples.points, ErrorPrediction(samples.points)
         self.condition = self._predicted[1].condition
         self._halves_difference = self._predicted[1].halves_difference
+        scale = CountScale.choose(samples)
+        self._ellipsoid = scale.convert_fit(fit_corrected(scale.unrounded(samples.points)))
 
-    def calibrator(self, name: str, fit: MagnetometerFit, used: Array) -> CalibratorFit:
-        """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples."""
+    @property
+    def ellipsoid(self) -> CalibratorFit:
+        """The unbiased ellipsoid of all samples, which errors of calibrators are measured against."""
+        return self.calibrator("corrected", self._ellipsoid, self._samples.points)
+
+    def calibrator(
+        self, name: str, fit: MagnetometerFit, used: Array, *, against_gravity: bool = False
+    ) -> CalibratorFit:
+        """Rate a calibrator's result on the points it used; `fit` is in the unit of the samples.
+
+        The axes of a fit against gravity are others than those of the ellipsoid.
+        """
         predicted = self._predictions(used).predict(fit, unbiased=is_unbiased(name, fit.iterations))
         figures = FitFigures(
             fit.status, condition=self.condition, n=len(used), halves_difference=self._halves_difference
         )
-        return self._rate_fit(name, fit, figures, predicted, self._samples.points)
+        difference_deg = None if against_gravity else self._difference_deg(fit)
+        is_measured = predicted is not None and difference_deg is not None and difference_deg > predicted.rms_deg
+        if is_measured and (own := self._predictions(self._samples.points).predict(self._ellipsoid, unbiased=True)):
+            predicted = replace(own, bias_deg=math.hypot(own.bias_deg, difference_deg or 0.0))
+        rated = self._rate_fit(name, fit, figures, predicted, self._samples.points)
+        reasons = (
+            replace(reason, meaning=_MISFIT) if is_measured and reason.figure == "direction_error_deg" else reason
+            for reason in rated.reasons
+        )
+        return replace(
+            rated, reasons=tuple(reasons), direction_difference_deg=difference_deg, error_is_measured=is_measured
+        )
+
+    def _difference_deg(self, fit: MagnetometerFit) -> float | None:
+        if not fit.has_fit or self._ellipsoid.status is not FitStatus.ELLIPSOID:
+            return None
+        return direction_difference_rms_deg(fit, self._ellipsoid)
 
     def _predictions(self, used: Array) -> ErrorPrediction:
         """Return the prediction for the calibrators' points, which are the same for one board or for the host."""

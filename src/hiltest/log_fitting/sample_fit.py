@@ -233,6 +233,7 @@ class _Log:
             notes=(),
             as_read=self.rating.as_read(best),
             gravity=log,
+            ellipsoid=self.rating.ellipsoid if any(fit.error_is_measured for fit in fits) else None,
         )
         return replace(fit, notes=(*self._samples.notes, *notes(fit)))
 

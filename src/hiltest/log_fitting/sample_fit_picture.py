@@ -9,7 +9,13 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.robust import Mask
 from hiltest.calibration.solid_angle import Hole
 from hiltest.log_fitting.fit_result import SampleFit
-from hiltest.log_fitting.fit_sentence import HEADINGS_DEG, calibrated_heading_error_deg, dip_deg, heading_errors_deg
+from hiltest.log_fitting.fit_sentence import (
+    HEADINGS_DEG,
+    calibrated_heading_error_deg,
+    dip_deg,
+    error_words,
+    heading_errors_as_read_deg,
+)
 from hiltest.report.marks import KeyEntry, Mark
 from hiltest.report.svg import Figure, Point
 
@@ -61,7 +67,7 @@ def picture(fit: SampleFit, points: Array, later: Mask, left_out: Array) -> list
     if fit.hole is not None and fit.hole.radius_deg > _DRAWN_HOLE_DEG:
         after.line(_edge(fit.hole, view), "series-1 thick")
         after.key.append(KeyEntry(f"largest hole, {fit.hole.radius_deg:.0f}° about {fit.hole.axes}", "series-1 thick"))
-    errors_deg = heading_errors_deg(best, dip_deg(fit))
+    errors_deg = heading_errors_as_read_deg(fit)
     return [before, after] if refused or errors_deg is None else [before, after, _headings(fit, errors_deg)]
 
 
@@ -127,7 +133,7 @@ def _headings(fit: SampleFit, errors_deg: Array) -> Figure:
     reach = 1.15 * max(float(np.abs(errors_deg).max()), after_deg, 1.0)
     figure = Figure(
         title=f"heading error, level, at a dip of {dip_deg(fit):.0f}°",
-        description="Error over the heading as read, and its predicted range with the calibration",
+        description="Error over the heading as read, and its range with the calibration",
         x_label="heading [deg]",
         y_label="error [deg]",
         x_range=(0.0, 360.0),
@@ -141,7 +147,7 @@ def _headings(fit: SampleFit, errors_deg: Array) -> Figure:
     figure.line(_pairs(np.column_stack([HEADINGS_DEG, errors_deg])), "over")
     figure.key += [
         KeyEntry("as read", "over"),
-        KeyEntry(f"with the calibration: ±{2.0 * after_deg:.2g}° (95 %, predicted)", "better"),
+        KeyEntry(f"with the calibration: ±{2.0 * after_deg:.2g}° (95 %, {error_words(fit)})", "better"),
     ]
     return figure
 

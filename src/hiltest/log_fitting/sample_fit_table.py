@@ -25,7 +25,7 @@ _NAMES = {
     "residual_percent": "residual",
     "axis_ratio": "axis ratio",
     "radius_ut": "radius",
-    "direction_error_deg": "predicted direction error",
+    "direction_error_deg": "direction error",
     "change_percent": "change of the field",
     "growth_percent": "growth of the field",
     "residual_of_spread": "residual over the spread of the raw norms",
