@@ -148,31 +148,14 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["run", "--sed", "1"], "No such option '--sed'"),
-        (["run", "--seeds", "9..1"], "'9..1' is not a range of seeds; write for example 1..100"),
-        (["run", "--seeds", "5"], "'5' is not a range of seeds"),
-        (["run", "--out", "x" * 300], "a name of 300 bytes is too long: file names have at most 255 bytes"),
         (["run", "--", "-p", "no:hiltest"], "hiltest run needs the pytest plugin hiltest: leave out -p no:hiltest"),
-        (["report", "x" * 300], "no file can have this name: File name too long"),
-        (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
-        (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
-        (["run", "gone.elf"], "gone.elf: No such file or directory"),
         (["run", "--firmware", "other.elf", "--", "--hil-out=mine.elf"], "other.elf: No such file or directory"),
-        (["run", "gone.elf", "--firmware", "other.elf"], "two firmwares: --firmware other.elf and gone.elf"),
-        (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
-        (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),
-        (["run", "--seeds", "1..4294967296"], "'4294967296' is not a seed"),
-        (["run", "--out", ""], "'--out': the name is empty"),
-        (["run", "--rig", ""], "'--rig': the name is empty"),
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
-        (["run", "--may-fail", "2"], "ERROR: --may-fail needs several seeds: add --seeds"),
-        (["run", "-k", "heading"], "'-k'. Options of pytest follow --: hiltest run -- -k heading"),
-        (["study", "choose", "--coverage", "0.5"], "0.5 is a share of 1; write 50 for percent."),
-        (["dance"], "ERROR: No such command 'dance'."),
-        (["profil", "worse"], "No such command 'profil'. Did you mean 'profile worst'?"),
     ],
 )
-def test_a_wrong_command_line_ends_with_4_and_says_why(tmp_path: Path, arguments: list[str], complaint: str) -> None:
+def test_a_mistake_that_only_the_session_sees_ends_with_4_and_is_named(
+    tmp_path: Path, arguments: list[str], complaint: str
+) -> None:
     result = hiltest(*arguments, folder=tmp_path)
     assert result.returncode == 4
     assert complaint in result.stderr
@@ -205,16 +188,17 @@ def test_fit_gives_a_log_without_a_magnetometer_to_the_command_for_its_sensors(
     one, other = (hiltest(*verb, "log.csv", "--json", folder=tmp_path) for verb in (["fit"], command))
     assert one.stdout == other.stdout != ""
     assert one.returncode == other.returncode
-    refused = hiltest("fit", "log.csv", "--shape", "sphere", folder=tmp_path)
-    assert refused.returncode == 4
-    assert "--shape is for a magnetometer" in refused.stderr
 
 
-def test_a_folder_without_tests_is_not_judged_by_the_suites(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    result = hiltest("run", "empty", folder=tmp_path)
+@pytest.mark.parametrize("name", ["folder", "file.py"])
+def test_a_folder_or_a_file_without_tests_is_not_judged_by_the_suites(tmp_path: Path, name: str) -> None:
+    if name == "folder":
+        (tmp_path / name).mkdir()
+    else:
+        (tmp_path / name).write_text("def calibrate(samples):\n    return None\n", encoding="utf-8")
+    result = hiltest("run", name, folder=tmp_path)
     assert result.returncode == 4
-    assert "the folder empty has no tests; leave it out to run only the suites" in result.stdout + result.stderr
+    assert f" {name} has no tests; leave it out to run only the suites" in result.stdout + result.stderr
 
 
 def test_init_copies_what_a_bench_needs_and_nothing_else(tmp_path: Path) -> None:

@@ -179,27 +179,6 @@ def test_force_has_nothing_to_export_without_a_calibration(clouds: Path) -> None
     assert not (clouds / "c.h").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        ([], "Missing argument 'LOG'"),
-        (["gone.csv"], "gone.csv: No such file"),
-        (["good.csv", "--columns", "a,b,c"], "no column 'a' among 3; the columns are mx_uT, my_uT, mz_uT"),
-        (["good.csv", "--unit", "tesla"], "'tesla' is not one of 'uT', 'nT', 'mT', 'T', 'gauss', 'mG', 'counts'"),
-        (["good.csv", "--calibrator", "kalman"], "the firmware has no calibrator 'kalman'"),
-        (["good.csv", "--calibrator", "kalman", "--on", "host"], "'kalman' has no float64 reference"),
-        (["good.csv", "--on", "host", "--firmware", "mine.elf"], "--firmware is for the virtual board"),
-        (["good.csv", "--firmware", "mine.elf"], "mine.elf"),
-        (["good.csv", "--on", "host", "--export-json", "gone/c.json"], "cannot write gone/c.json"),
-    ],
-)
-def test_a_wrong_command_line_ends_with_4_and_says_why(clouds: Path, arguments: list[str], complaint: str) -> None:
-    done = fit(*arguments, folder=clouds)
-    assert done.returncode == 4, done.stdout + done.stderr
-    assert complaint in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_a_turn_in_a_plane_is_told_as_one_and_exported_as_one(clouds: Path) -> None:
     done = fit("turn.csv", "--export-header", "c.h", folder=clouds)
     said = " ".join(done.stdout.split())
@@ -210,13 +189,6 @@ def test_a_turn_in_a_plane_is_told_as_one_and_exported_as_one(clouds: Path) -> N
     assert "for headings of a turn about z only" in (clouds / "c.h").read_text(encoding="utf-8")
     named = json.loads(fit("turn.csv", "--shape", "ellipse", "--json", folder=clouds).stdout)
     assert [(each["name"], each["turn"]["axis"]) for each in named["calibrators"]] == [("ellipse", "z")]
-
-
-def test_a_shape_is_no_calibrator_and_a_field_needs_a_unit(clouds: Path) -> None:
-    done = fit("turn.csv", "--shape", "circle", "--calibrator", "direct", folder=clouds)
-    assert (done.returncode, "--shape circle is not fitted by calibrators" in done.stderr) == (4, True)
-    done = fit("turn.csv", "--unit", "counts", "--field", "20", folder=clouds)
-    assert (done.returncode, "cannot be compared with counts" in done.stderr) == (4, True)
 
 
 def test_a_folder_of_logs_gets_a_row_each_and_the_worst_decides(clouds: Path) -> None:

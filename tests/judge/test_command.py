@@ -74,9 +74,3 @@ def test_a_worse_calibrator_than_the_other_is_a_regression(folder: Path, capsys:
     assert document["comparison"]["cycles"] is None
     assert [entry["role"] for entry in document["entries"]] == ["judged", "against"]
     assert judge("mine.py:calibrate", "--alone", "--against", "mine.py:calibrate") == 0
-
-
-def test_a_file_that_is_not_there_is_a_usage_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert judge("gone.c") == 4
-    assert "gone.c: No such file or directory; name a source, a library or an ELF" in capsys.readouterr().err
-    assert judge() == 4

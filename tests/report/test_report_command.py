@@ -286,11 +286,3 @@ def test_no_value_anywhere_makes_more_than_a_sentence(
     code = report(path)
     error = capsys.readouterr().err
     assert (code, error) == (0, "") or (code == 4 and error.startswith("ERROR: ") and error.count("\n") == 1)
-
-
-def test_a_folder_without_a_record_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert report(tmp_path) == 4
-    assert report(tmp_path / "gone") == 4
-    errors = capsys.readouterr().err.splitlines()
-    assert errors[0].startswith(f"ERROR: {tmp_path} has no record of a run: neither {RUN_FILE} nor a line in")
-    assert errors[1].startswith(f"ERROR: {tmp_path / 'gone'}: No such file")

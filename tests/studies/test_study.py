@@ -218,25 +218,6 @@ class TestEveryStudy:
         assert run("report", str(tmp_path)) == 0
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["orbits"],
-        ["ellipsoids", "--points", "9"],
-        ["ellipsoids", "--jobs", "0"],
-        ["ellipsoids", "--seed", "x"],
-        ["ellipsoids", "--instances", "0"],
-        ["ellipsoids", "--noise", "1"],
-        ["choose", "--coverage", "0"],
-        ["choose", "--points", "10001"],
-        ["dpi", "--points", "50"],
-    ],
-)
-def test_a_wrong_word_is_4(words: list[str], tmp_path: Path) -> None:
-    assert run("study", *words, "--out", str(tmp_path)) == 4
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_folder_that_cannot_be_made_is_4(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert run("study", "ellipsoids", "--instances", "1", "--out", str(tmp_path / "file" / "study")) == 4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from difflib import get_close_matches
 
 from numpy.typing import ArrayLike
 
@@ -25,7 +24,7 @@ from hiltest.calibration.merayo import fit_merayo
 from hiltest.calibration.own import own_calibrator, own_names
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.calibration.taubin import fit_taubin
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, nearest_hint
 
 __all__ = [
     "BATCHES",
@@ -88,11 +87,8 @@ def reference(name: str) -> Calibrator:
     """
     calibrator = REFERENCES.get(name) or own_calibrator(name)
     if calibrator is None:
-        available = sorted([*REFERENCES, *own_names()])
-        near = "".join(f"did you mean {match!r}? " for match in get_close_matches(name, available, 1))
-        raise ConfigError(
-            f"calibrator {name!r} has no float64 reference; {near}those that have: {', '.join(available)}"
-        )
+        hint = nearest_hint(name, [*REFERENCES, *own_names()], "those that have")
+        raise ConfigError(f"calibrator {name!r} has no float64 reference; {hint}")
     return calibrator
 
 

@@ -65,11 +65,12 @@ class RunCommand:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-        """Refuse a folder without tests, which would otherwise be judged by the tests of the suites alone."""
+        """Refuse a folder or file without tests, which would otherwise be judged by the tests of the suites alone."""
         for argument in config.args[1:]:
-            folder = config.invocation_params.dir / argument
-            if folder.is_dir() and not any(item.path.is_relative_to(folder) for item in items):
-                raise pytest.UsageError(f"the folder {argument} has no tests; leave it out to run only the suites")
+            path = config.invocation_params.dir / argument
+            if path.exists() and not any(item.path.is_relative_to(path) for item in items):
+                kind = "folder" if path.is_dir() else "file"
+                raise pytest.UsageError(f"the {kind} {argument} has no tests; leave it out to run only the suites")
 
     # This hook is the last, so that the hiltest plugin has read its options. A wrong rig or firmware then ends the
     # command before pytest has collected or written anything.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
@@ -18,6 +19,7 @@ from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
 
 _FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
 _CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
+_NO_CHOICE = re.compile(r"'(?P<word>[^']*)' is not one of (?P<choices>.*)")
 _OUTPUT_ERRORS = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
 # Commands under the headings of the help. "fit imu" is the function fit_imu in hiltest.commands.fit_imu.
 _HEADINGS = {
@@ -140,8 +142,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if isinstance(error, click.UsageError) and error.ctx is not None:
             click.echo(error.ctx.get_usage(), err=True)
             click.echo(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
-        click.echo(f"ERROR: {error.format_message()}", err=True)
-        code = _report_failure(error, error.format_message(), _USAGE_ERROR, as_json=as_json)
+        message = _add_nearest_choice(error.format_message())
+        click.echo(f"ERROR: {message}", err=True)
+        code = _report_failure(error, message, _USAGE_ERROR, as_json=as_json)
     except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)
         code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
@@ -156,6 +159,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo("interrupted", err=True)
         code = _report_failure(error, "interrupted", _INTERRUPTED, as_json=as_json)
     sys.exit(code or 0)
+
+
+def _add_nearest_choice(message: str) -> str:
+    """Return a message about a choice, of click or of a setting, with the choice that is nearest to the given word."""
+    if (match := _NO_CHOICE.search(message)) is None:
+        return message
+    choices = {choice.lower(): choice for choice in re.findall(r"'(.*?)'", match["choices"])}
+    nearest = get_close_matches(match["word"].lower(), choices, 1)
+    return message + "".join(f" Did you mean {choices[word]!r}?" for word in nearest)
 
 
 def _report_failure(error: BaseException, message: str, code: int, *, as_json: bool) -> int:

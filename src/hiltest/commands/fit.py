@@ -326,6 +326,8 @@ def _compare_with_model(fitted: SampleFit, place: str) -> str:
     try:
         latitude, longitude, day = place.split(",")
         model = field_at(float(latitude), float(longitude), 0.0, date.fromisoformat(day.strip()))
+        if not (abs(float(latitude)) <= 90.0 and abs(float(longitude)) <= 360.0):
+            raise ValueError("no place on the earth")
     except ValueError as error:
         raise click.UsageError(
             f"--at {place}: write latitude, longitude, date, such as 48.1,11.6,2026-05-01"

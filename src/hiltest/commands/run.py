@@ -124,6 +124,8 @@ def _run(
         if arguments["firmware"] is not None:
             raise ConfigError(f"two firmwares: --firmware {arguments['firmware']} and {pytest_args[0]}; leave one out")
         arguments["firmware"], *pytest_args = Path(pytest_args[0]), *pytest_args[1:]
+    if pytest_args and Path(pytest_args[0]).is_file():
+        _refuse_other_files(Path(pytest_args[0]))
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None
     own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = own["baseline"] or base_of_environment()
@@ -186,6 +188,17 @@ def _is_firmware(argument: str) -> bool:
     from hiltest.virtual.program.image_formats import names_image
 
     return not argument.startswith("-") and names_image(argument)
+
+
+def _refuse_other_files(file: Path) -> None:
+    """Name the place of a file that is neither firmware nor a test."""
+    places = {".toml": f"name a rig with --rig {file}", ".c": f"judge a source with hiltest judge {file}"}
+    if _is_firmware(str(file)):
+        raise ConfigError(f"two firmwares: {file} is the second one; compare two with --against")
+    if file.suffix != ".py":
+        raise ConfigError(
+            f"{file} is neither firmware nor a test; {places.get(file.suffix, f'fit a log with hiltest fit {file}')}"
+        )
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:

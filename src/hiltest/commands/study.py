@@ -66,7 +66,7 @@ def _is_given(option: str) -> bool:
 
 @click.command(epilog=_EXIT_CODES)
 @documented("hiltest.study/1")
-@click.argument("name", type=click.Choice(NAMES))
+@click.argument("name", metavar="NAME", type=click.Choice(NAMES))
 @click.option(
     "--instances",
     metavar="N",

@@ -295,7 +295,7 @@ def check_limits(values: Mapping[str, float | None], limits: Mapping[str, float]
     """
     for name, most in limits.items():
         if name not in values:
-            raise ConfigError(f"--limit {name}: no such value{nearest_hint(name, list(values))}")
+            raise ConfigError(f"--limit {name}: no such value; {nearest_hint(name, list(values))}")
         yield LimitResult(name, most, values[name])
 
 

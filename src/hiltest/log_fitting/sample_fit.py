@@ -15,7 +15,7 @@ from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.calibration.shapes import Shape, allowed_shape
 from hiltest.calibration.solid_angle import largest_hole
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, nearest_hint
 from hiltest.log_fitting.counts import CountScale, evenly_on_sphere
 from hiltest.log_fitting.fit_notes import notes
 from hiltest.log_fitting.fit_result import AgainstGravity, CalibratorFit, FirmwareUsed, SampleFit, best_of
@@ -118,7 +118,14 @@ def fit_on_board(
     calibrators = board.identity.calibrators
     several = calibrator in (BOARD, ALL)
     if not several and calibrator not in calibrators:
-        raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(calibrators)}")
+        raise ConfigError(
+            f"the firmware has no calibrator {calibrator!r}; it has {', '.join(calibrators)}; "
+            + (
+                f"--on host runs the reference {calibrator}"
+                if calibrator in REFERENCES
+                else nearest_hint(calibrator, [*calibrators, *REFERENCES])
+            )
+        )
     log = _Log(samples, robust, field_ut)
     rest, scale = log.kept, CountScale.choose(log.kept)
     counts = scale.unrounded(rest.points)
