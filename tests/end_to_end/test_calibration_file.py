@@ -35,8 +35,19 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
     done = calibrate(folder)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert sorted(path.name for path in folder.iterdir()) == ["imu_calibration.h", FILE]
+    assert sorted(path.name for path in folder.iterdir()) == ["imu_calibration.h", "imu_calibration.html", FILE]
     return folder / FILE
+
+
+def test_the_page_has_the_verdict_first_and_every_figure_of_the_file(calibrated: Path) -> None:
+    page = calibrated.with_suffix(".html").read_text(encoding="utf-8")
+    assert page.index("calibrated</strong></h1>") < page.index("<table")
+    content = json.loads(calibrated.read_text(encoding="utf-8"))
+    for sensor in ("magnetometer", "accelerometer", "gyroscope"):
+        assert f"<h2>{sensor.capitalize()}</h2>" in page
+        assert page.count(content[sensor]["method"]) >= 1
+        for figure in content[sensor]["figures"]:
+            assert f">{figure['name']}</th>" in page
 
 
 @pytest.fixture(scope="module")
@@ -212,7 +223,7 @@ def test_a_file_in_other_units_ends_the_run_before_it_begins(calibrated: Path, r
     [
         (["--calibrator", "perfect"], 4, "the firmware has no calibrator 'perfect'; it has "),
         (["--out", "gone/imu.json"], 4, "does not exist"),
-        (["--out", "imu.h"], 4, "imu.h would be the C header"),
+        (["--out", "imu.h"], 4, "imu.h would be the C header or the page"),
         (["--rig", "virtual-k64f-harsh-cap"], 1, "magnetometer refused: "),
     ],
     ids=["calibrator", "folder", "header", "a fifth of the sphere"],

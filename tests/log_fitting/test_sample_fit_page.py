@@ -82,7 +82,7 @@ def test_clouds_of_no_size_and_far_away_are_drawn_too(points: np.ndarray) -> Non
 
 def test_names_in_the_page_are_text() -> None:
     page = _page(golden_points(50) / 10.0, "<script>alert(1)</script>.csv")
-    assert "<script" not in page
+    assert page.count("<script") == 1  # its own
     assert "&lt;script&gt;" in page
 
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import re
+from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import sha256
+from html import unescape
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+import hiltest.report
 from hiltest.measurement import Limit, Measurement, check
 from hiltest.report.figures.cost import budget_figures
 from hiltest.report.figures.section import columns
 from hiltest.report.markdown import markdown_report
+from hiltest.report.marks import Mark
 from hiltest.report.render import html_report, write_reports
 from hiltest.report.svg import Figure, log_ticks, nice_ticks
 from hiltest.report.terminal import summary
@@ -92,9 +98,13 @@ def test_the_page_holds_every_measurement_with_value_and_limit(run: Run) -> None
     assert "cortex-m4-trm/3@sram" in text
 
 
-def test_the_page_needs_no_network_and_runs_no_script(run: Run) -> None:
+def test_the_page_needs_no_network_and_runs_no_script_but_its_own(run: Run) -> None:
     page = Page(html_report(run))
-    assert {"script", "link", "iframe", "img", "object"}.isdisjoint(page.tags)
+    assert {"link", "iframe", "img", "object"}.isdisjoint(page.tags)
+    (script,) = re.findall(r"<script>(.*?)</script>", html_report(run), re.S)
+    assert script == (Path(hiltest.report.__file__).parent / "rows.js").read_text(encoding="utf-8")
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in html_report(run)
     assert not [value for name, value in page.attributes if name in ("src", "srcset", "data")]
     assert all((value or "").startswith("#") for name, value in page.attributes if name == "href")
     style = re.search(r"<style>(.*?)</style>", html_report(run), re.S)
@@ -247,6 +257,24 @@ def test_error_against_cycles_is_drawn_one_figure_a_size_with_the_thesis_beside_
     # Equal ratios are equal distances.
     places = [thirty.place(x, 1.0)[0] for x in (4_000.0, 8_000.0, 16_000.0)]
     assert places[1] - places[0] == pytest.approx(places[2] - places[1])
+
+
+@pytest.mark.parametrize("decades", range(1, 40))
+def test_a_logarithmic_axis_has_two_to_ten_labels(decades: int) -> None:
+    ticks = log_ticks(0.7e-6, 1.3 * 10.0 ** (decades - 6))
+    assert 2 <= len(ticks) <= 10
+    assert all(low < high for low, high in pairwise(ticks))
+
+
+def test_a_point_names_its_numbers_and_its_row() -> None:
+    figure = Figure("t", "d", "x [s]", "y [uT]", (0.0, 3.0), (0.0, 9.0))
+    figure.series("one", [(1.0, 5.0), (2.0, 6.5)], "series-0", Mark.DOT)
+    figure.series("<two>", [(1.5, 7.0)], "series-1", Mark.CROSS)
+    assert figure.sheet is not None
+    found = re.findall(r'<g data-row="(\d+)"><title>([^<]*)</title>', figure.svg())
+    assert [(int(row), unescape(words)) for row, words in found] == [
+        (row, ", ".join(cells)) for row, cells in enumerate(figure.sheet.rows)
+    ]
 
 
 def test_a_logarithmic_axis_has_no_zero() -> None:

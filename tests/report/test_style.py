@@ -44,7 +44,10 @@ def luminance(colour: str) -> float:
         ),
         *((tone, f"{tone}-page", LETTERS) for tone in ("good", "bad", "warn")),
         *(("ink", f"{tone}-page", LETTERS) for tone in ("good", "bad", "warn")),
-        *((front, "card", MARKS) for front in ("accent", "other", "good", "bad", "fifth", "sixth", "soft")),
+        *(
+            (front, "card", MARKS)
+            for front in ("accent", "other", "good", "bad", "fifth", "sixth", "seventh", "eighth", "soft")
+        ),
         *((front, "good-page", MARKS) for front in ("accent", "other", "bad")),
         *((front, "track", MARKS) for front in ("accent", "good", "bad", "soft")),
     ],
@@ -52,6 +55,14 @@ def luminance(colour: str) -> float:
 def test_what_is_in_front_stands_out(front: str, behind: str, least: float, scheme: str) -> None:
     named = colours(scheme)
     assert contrast(named[front], named[behind]) >= least
+
+
+def test_eight_series_have_eight_colours() -> None:
+    rules = re.findall(r"([^{}]*)\{ color: var\(--([a-z]+)\); \}", STYLE)
+    named = {f"series-{k}": [colour for text, colour in rules if f".series-{k}" in text] for k in range(8)}
+    assert all(len(colour) == 1 for colour in named.values()), named
+    for scheme in ("light", "dark"):
+        assert len({colours(scheme)[colour] for (colour,) in named.values()}) == 8
 
 
 def test_contrast_is_measured_as_it_is_defined() -> None:

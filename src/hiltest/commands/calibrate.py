@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,7 +53,7 @@ Exit codes:
     default=DEFAULT_FILE,
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write the calibration to this file, and a C header beside it with the suffix .h.",
+    help="Write the calibration to this file, a C header and a page beside it, as .h and .html.",
 )
 def calibrate(
     rig: str | None, port: str | None, firmware: Path | None, seed: int | None, calibrator: str, out: Path
@@ -65,8 +66,8 @@ def calibrate(
     from hiltest.boards import open_board
     from hiltest.procedures import DPI
 
-    header = out.with_suffix(".h")
-    _check_before_the_work(out, header)
+    header, page = out.with_suffix(".h"), out.with_suffix(".html")
+    _check_before_the_work(out, (header, page))
     described = load_named_rig(rig)
     with open_board(described, firmware=firmware, port=port, seed=seed) as board:
         available = (*board.identity.calibrators, DPI)
@@ -74,16 +75,17 @@ def calibrate(
             raise ConfigError(f"the firmware has no calibrator {calibrator!r}; it has {', '.join(available)}")
         click.echo(f"{board.description}; rig {described.name} ({described.path})")
         calibration = _calibrate_guided(board, described, calibrator)
-    _write(calibration, out, header)
-    click.echo(f"{out}, {header}")
+    _write(calibration, out, header, page)
+    click.echo(f"{out}, {header}, {page}")
     return 0, calibration
 
 
-def _check_before_the_work(out: Path, header: Path) -> None:
+def _check_before_the_work(out: Path, others: Collection[Path]) -> None:
     """Check that the file can be written, before an operator turns the board for minutes."""
-    if out == header:
+    if out in others:
         raise ConfigError(
-            f"{out} would be the C header: give the calibration file another name, such as {out.with_suffix('.json')}"
+            f"{out} would be the C header or the page: give the calibration file another name, such as "
+            f"{out.with_suffix('.json')}"
         )
     folder = out.absolute().parent
     if not folder.is_dir():
@@ -115,11 +117,18 @@ def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration
         table.close()
 
 
-def _write(calibration: ImuCalibration, out: Path, header: Path) -> None:
-    """Write both files, the calibration file last, so that it never exists without its header."""
+def _write(calibration: ImuCalibration, out: Path, header: Path, page: Path) -> None:
+    """Write the files, the calibration file last, so that it never exists without its header."""
     from hiltest.procedures.imu_calibration.calibration_file import to_header, to_json
+    from hiltest.report.page import render
     from hiltest.run_record.files import write_asked_for
 
+    field, gravity, rate = calibration.magnetometer, calibration.accelerometer, calibration.gyroscope
+    parts: list[tuple[object, ...]] = [("magnetometer", field, field.soft_iron, field.hard_iron)]
+    parts += [("accelerometer", gravity, gravity.gain, gravity.offset)] if gravity else []
+    parts += [("gyroscope", rate, rate.matrix, rate.bias)] if rate else []
+    about = {"file": out, "header": header, "number": format_number}
+    write_asked_for(page, render("calibration.html.j2", calibration=calibration, parts=parts, about=about))
     write_asked_for(header, to_header(calibration))
     write_asked_for(out, to_json(calibration))
 

@@ -1,14 +1,19 @@
-"""Rendering of pages: each is one self-contained file without scripts or addresses, for all themes and for print."""
+"""Rendering of pages: each is one self-contained file, readable without its script, for all themes and for print."""
 
 from __future__ import annotations
 
 import re
+from base64 import b64encode
+from hashlib import sha256
+from pathlib import Path
 from urllib.parse import quote
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from hiltest.text import legible
 
+_SCRIPT = Path(__file__).with_name("rows.js").read_text(encoding="utf-8")
 # Spaces as in 12 500 and 1 %, at which a narrow cell must not break.
 _KEPT_SPACE = re.compile(r"(?<=\d) (?=\d{3}(?!\d)|%)")
 
@@ -27,6 +32,8 @@ def render(template: str, *, package: str = "hiltest.report", **content: object)
         lstrip_blocks=True,
         finalize=_make_visible,
     )
+    environment.globals["script"] = Markup(_SCRIPT)
+    environment.globals["script_hash"] = b64encode(sha256(_SCRIPT.encode()).digest()).decode()
     environment.filters["beside"] = _relative_address
     return environment.get_template(template).render(**content)
 

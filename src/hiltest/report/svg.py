@@ -17,7 +17,10 @@ _LABEL = 24.0  # room that the plot gains if an axis has no label
 _LARGEST = 1.2  # times the nominal size: letters keep their size in a wide column
 _DIGIT = 10.0  # wider than a digit of the 15 px that the page has on a telephone
 _TICK_ROOM, _FEWEST_TICKS = (75.0, 40.0), 3  # across and up
+_MOST_LABELS = 10  # of a logarithmic axis
 _TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)
+
+_ROW = Markup('<g data-row="{}"><title>{}</title>{}</g>')
 
 Point = tuple[float, float]
 
@@ -40,7 +43,7 @@ def nice_ticks(low: float, high: float, *, about: int = 5) -> tuple[float, ...]:
 
 
 def log_ticks(low: float, high: float) -> tuple[float, ...]:
-    """Return the numbers from `low` to `high` that are 1, 2 or 5 times a power of ten.
+    """Return the numbers from `low` to `high` that are 1, 2 or 5 times a power of ten; if they are many, powers only.
 
     Examples
     --------
@@ -50,8 +53,17 @@ def log_ticks(low: float, high: float) -> tuple[float, ...]:
     if not 0.0 < low < high:
         raise ValueError(f"logarithmic axis from {low} to {high}")
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    values = (float(f"{digit}e{power}") for power in powers for digit in (1, 2, 5))
-    return tuple(value for value in values if low <= value <= high)
+    for every in count():  # 0: all ticks; then powers only, each, every second one, ...
+        values = (
+            float(f"{digit}e{power}")
+            for power in powers
+            if power % max(every, 1) == 0
+            for digit in ((1,) if every else (1, 2, 5))
+        )
+        ticks = tuple(value for value in values if low <= value <= high)
+        if len(ticks) <= _MOST_LABELS:
+            return ticks
+    raise AssertionError("an axis has fewer labels in the end")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,12 +136,13 @@ class Figure:
         """Draw points under a name, as a line or marks or both, and add them to key and sheet."""
         if line and points:
             self.line(points, line)
-        if mark:
-            self.marks(points, mark_style or f"{line} filled", mark, radius=radius)
         entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")
         self.key += [] if entry in self.key else [entry]
         rows = self.sheet.rows if self.sheet else ()
         more = [(name, format_number(x), format_number(y)) for x, y in points]
+        if mark:
+            numbered = [(row, ", ".join(cells)) for row, cells in enumerate(more, len(rows))]
+            self.marks(points, mark_style or f"{line} filled", mark, radius=radius, rows=numbered)
         self.sheet = Sheet(self.title, ("series", self.x_label or "x", self.y_label or "y"), [*rows, *more])
 
     def band(self, low: float, high: float, style: str) -> None:
@@ -167,9 +180,19 @@ class Figure:
         path = "".join(f"M{x:.1f} {y:.1f}V{top:.1f}" for (x, y), (_, top) in ends)
         self._add('<path class="{}" d="{}"/>', style, path)
 
-    def marks(self, points: Iterable[Point], style: str, mark: Mark = Mark.DOT, *, radius: float = 3.5) -> None:
-        """Draw points as marks."""
-        self._shapes += [mark.draw(*self.place(*point), radius, style) for point in points]
+    def marks(
+        self,
+        points: Iterable[Point],
+        style: str,
+        mark: Mark = Mark.DOT,
+        *,
+        radius: float = 3.5,
+        rows: Sequence[tuple[int, str]] = (),
+    ) -> None:
+        """Draw points as marks; `rows` are the row of the sheet that each belongs to, and its numbers in words."""
+        drawn = [mark.draw(*self.place(*point), radius, style) for point in points]
+        numbered = zip(rows, drawn, strict=True) if rows else ()
+        self._shapes += [_ROW.format(row, legible(words), one) for (row, words), one in numbered] or drawn
 
     def circle(self, centre: Point, radius: float, style: str) -> None:
         """Draw a circle whose radius is in units of x."""
@@ -177,12 +200,12 @@ class Figure:
         edge, _ = self.place(centre[0] + radius, centre[1])
         self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, edge - x)
 
-    def upright(self, x: float, text: str, style: str) -> None:
-        """Draw a vertical line at one value of x, with a text along it."""
+    def upright(self, x: float, text: str, style: str, *, beside: float = -4.0) -> None:
+        """Draw a vertical line at one value of x, with a text along it, to the left or with 12 to the right."""
         self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)
         at, _ = self.place(x, self.y_range[1])
         template = '<text class="along" transform="translate({} {}) rotate(-90)" text-anchor="end">{}</text>'
-        self._add(template, at - 4, _TOP + 2, text)
+        self._add(template, at + beside, _TOP + 2, text)
 
     def svg(self) -> Markup:
         """Return the finished drawing."""

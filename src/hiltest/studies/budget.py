@@ -190,6 +190,7 @@ def draw(run: Run, table: Table) -> Figure:
     for index, (name, line) in enumerate(lines.items()):
         style, mark = series(index)
         figure.series(name, line, style, mark)
+    figure.upright((_THESIS_PER_POINT * _POINTS + _THESIS_FIXED) / 1000.0, "printed: its own calibrator", "thesis")
     return figure
 
 

@@ -14,7 +14,7 @@ from hiltest.calibration.gradient_descent import fit_gradient_descent
 from hiltest.calibration.li import fit_li
 from hiltest.errors import HiltestError
 from hiltest.measurement import check
-from hiltest.report.marks import Mark, series
+from hiltest.report.marks import KeyEntry, Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.methods import calibrate
@@ -217,6 +217,8 @@ def draw(run: Run, table: Table) -> Figure:
         width=700.0,
         height=360.0,
     )
+    figure.level(1.0, "thesis")
+    figure.key.append(KeyEntry("printed: each point is below 1", "thesis"))
     for k, method in enumerate(dict.fromkeys(str(row[1]) for row in table.rows)):
         style, mark = series(k)
         points = [

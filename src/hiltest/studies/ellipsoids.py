@@ -10,7 +10,7 @@ from scipy.stats import beta
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.measurement import Measurement, check
-from hiltest.report.marks import series
+from hiltest.report.marks import KeyEntry, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
 from hiltest.studies.instances import Model, draw_instances, kernel, non_ellipsoids
@@ -20,6 +20,7 @@ from hiltest.text import number
 
 NOISE_UT = tuple(2.5 * step for step in range(1, 21))
 _MILLION = 1_000_000
+_PRINTED_PERCENT = 0.1  # the share of quadrics that are no ellipsoids in the thesis is smaller
 _POINTS_UNKNOWN = "the thesis does not state the number of points of an instance"
 
 
@@ -104,7 +105,7 @@ def _judge_nearly_always(plan: Plan, counts: Sequence[int]) -> PrintedFigure:
     share, noise_ut = min(
         (100.0 - 100.0 * count / plan.instances, noise_ut) for count, noise_ut in zip(counts, NOISE_UT, strict=True)
     )
-    reproduced = share > 99.9
+    reproduced = share > 100.0 - _PRINTED_PERCENT
     why = f"the smallest share, at {noise_ut:g} uT, is {'larger' if reproduced else 'not larger'}; {_POINTS_UNKNOWN}"
     return PrintedFigure(
         "share of adequate results", "Mucciaccia, 5.1", "more than 99.9 %", f"{share:.4f} %", reproduced, why
@@ -122,10 +123,12 @@ def draw(run: Run, table: Table) -> Figure:
         x_label="noise [uT]",
         y_label="share of instances [%]",
         x_range=(0.0, noise[-1] + noise[0]),
-        y_range=(0.0, 1.05 * float(cells[:, 5].max())),
+        y_range=(0.0, 1.05 * max(_PRINTED_PERCENT, float(cells[:, 5].max()))),
         width=560.0,
         height=360.0,
     )
+    figure.level(_PRINTED_PERCENT, "thesis")
+    figure.key.append(KeyEntry(f"printed: at most {_PRINTED_PERCENT:g} %", "thesis"))
     for k, first in enumerate(range(0, len(cells), len(noise))):
         style, mark = series(k)
         of, *_ = (row[6:] for row in table.rows[first:])

@@ -16,7 +16,7 @@ from hiltest.calibration.conditioning import quadric_rows
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit, no_fit, squared_lengths
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.measurement.estimates import Estimate, quantile
-from hiltest.report.marks import series
+from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
@@ -234,9 +234,9 @@ def draw(run: Run, table: Table) -> Figure:
         log_y=True,
     )
     for index, (name, line) in enumerate(lines.items()):
-        style, mark = series(index)
+        style, mark = ("neutral", Mark.DIAMOND) if name == ABOUT_ZERO else series(index)
         figure.series(name, line, style, mark)
-    figure.series("effect of noise, median", direct, "level")
+    figure.series("effect of noise, median", direct, "thesis")
     return figure
 
 

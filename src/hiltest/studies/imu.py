@@ -14,7 +14,7 @@ from hiltest.calibration.fit import Array, FitStatus
 from hiltest.calibration.quality import COUNTS_PER_UT, residual_percent, sphere_directions
 from hiltest.measurement import Measurement, check
 from hiltest.measurement.estimates import Estimate, quantile
-from hiltest.report.marks import series
+from hiltest.report.marks import KeyEntry, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.dpi import COUNTS, draw_sensor
@@ -359,6 +359,8 @@ def draw(run: Run, table: Table) -> Figure:
         height=360.0,
     )
     rows = [row for row in table.rows if row[2] == "frosio" and isinstance(row[1], float)]
+    figure.line([(1.0, 100.0), (OFFSETS[-1], 100.0)], "thesis")
+    figure.key.append(KeyEntry("printed: no fit with a large offset", "thesis"))
     for index, (text, column) in enumerate((("as read", 9), ("less mean", 10))):
         style, mark = series(index)
         figure.series(text, [(float(row[1] or 0.0), float(row[column] or 0.0)) for row in rows], style, mark)

@@ -18,15 +18,19 @@ from hiltest.log_fitting.allan_page import write_page
 from hiltest.log_fitting.rate_log import RateLog, RateUnit
 from hiltest.log_fitting.sample_fit import fit_on_host
 from hiltest.log_fitting.sample_fit_page import fit_page
-from hiltest.measurement import EXACT, Better, Limit, Measurement, check
+from hiltest.measurement import EXACT, Better, Limit, Measurement, Outcome, check
 from hiltest.procedures.golden_points import golden_points
+from hiltest.report.boards_page import Apart, BoardLine, boards_html
 from hiltest.report.render import html_report
 from hiltest.report.trend.folder import Skipped
 from hiltest.report.trend.outputs import trend_page
 from hiltest.report.trend.series import RunEntry, trend_of
 from hiltest.run_record.comparison import Change, Comparison, Difference, Side
 from hiltest.run_record.outcomes import TestOutcome
-from hiltest.run_record.run import Column, Findings, Run, Table, TestResult
+from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Column, Findings, Run, Table, TestResult, Verdict
+from hiltest.studies.study import study_of
+from hiltest.studies.study_page import page as study_page
 from hiltest.verdict.verdict import decide
 
 from ...trend.entries import cycles, degrees, entry
@@ -135,7 +139,9 @@ def hostile(findings: Callable[..., Findings]) -> Run:
     return finished(run)
 
 
-@pytest.fixture(params=["everything", "red", "nothing", "cut_short", "hostile", "fit", "allan", "trend"])
+@pytest.fixture(
+    params=["everything", "red", "nothing", "cut_short", "hostile", "fit", "allan", "trend", "study", "boards"]
+)
 def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """Each page in turn, as the file that a user opens."""
     path = tmp_path / f"{request.param}.html"
@@ -146,11 +152,28 @@ def page_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         rates = np.random.default_rng(1).normal(size=(2000, 3))
         log = RateLog(Path("still.csv"), ("x", "y", "z"), rates, RateUnit.DPS, 100.0, len(rates), 0)
         write_page(log, allan_curve(rates, rate_hz=100.0), path)
+    elif request.param == "study":
+        record = read_record(Path(__file__).parents[3] / "docs" / "studies" / "float32.json").run
+        path.write_text(study_page(study_of("float32"), record), encoding="utf-8")
+    elif request.param == "boards":
+        path.write_text(boards_html(*four_boards()), encoding="utf-8")
     elif request.param == "trend":
         path.write_text(trend_page(trend_of(runs()), [Skipped(HOSTILE, HOSTILE)]), encoding="utf-8")
     else:
         path.write_text(html_report(request.getfixturevalue(request.param)), encoding="utf-8")
     return path
+
+
+def four_boards() -> tuple[Verdict, list[BoardLine], list[Apart]]:
+    """Return four boards, one of them with a measurement out of its limit and a name that would be markup."""
+    names = ("frdm-k64f", "stm32f411-disco", "microbit-v1", HOSTILE)
+    boards = [
+        BoardLine(name, name, int(name == HOSTILE), f"of {name}: the worst error is 1 deg.", name) for name in names
+    ]
+    outcomes = {name: Outcome.FAIL if name == HOSTILE else Outcome.PASS for name in names}
+    values = dict.fromkeys(names, 0.95)
+    apart = [Apart(f"heading.{name}.max", "deg", values, outcomes, 0.1) for name in ("direct", "corrected", "li")]
+    return Verdict("failed", 1, "FAIL on 1 of 4 boards.", complete=True), boards, apart
 
 
 def runs() -> list[RunEntry]:

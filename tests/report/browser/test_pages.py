@@ -89,7 +89,7 @@ def test_nothing_complains_nothing_is_asked_for_and_nothing_is_too_wide(
 def test_every_plot_has_a_size_and_is_painted(canvas: Page, visit: Open, page_file: Path, width: int) -> None:
     with visit(page_file, width=width) as place:
         plots = place.page.locator("svg[role=img]").all()
-        assert bool(plots) is (page_file.stem != "nothing")
+        assert bool(plots) is (page_file.stem not in ("nothing", "boards"))
         for plot in plots:
             box = plot.bounding_box()
             assert box is not None
@@ -153,6 +153,28 @@ def test_a_link_of_the_contents_opens_its_folded_section(browser: Browser, red: 
     page.locator('nav a[href="#failures"]').click()
     assert page.locator("details[open] > section").get_attribute("id") == "failures"
     page.close()
+
+
+@pytest.mark.parametrize("page_file", ["study"], indirect=True)
+def test_a_click_on_a_point_opens_the_numbers_at_its_row(browser: Browser, page_file: Path) -> None:
+    page = browser.new_page(viewport={"width": 1400, "height": 900})
+    page.goto(page_file.as_uri())
+    point = page.locator("[data-row]").nth(20)
+    words = point.locator("title").text_content()
+    assert not page.locator("figure tbody").is_visible()
+    point.click()
+    assert page.evaluate("[...document.activeElement.cells].map(cell => cell.textContent).join(', ')") == words
+    assert page.locator("tr:focus").is_visible()
+    page.close()
+
+
+@pytest.mark.parametrize("page_file", ["boards"], indirect=True)
+def test_a_telephone_shows_every_board_of_a_measurement(visit: Open, page_file: Path) -> None:
+    with visit(page_file, width=390) as place:
+        cells = place.page.locator("td[data-label=microbit-v1]").all()
+        boxes = [cell.bounding_box() for cell in cells]
+    assert len(boxes) == 3
+    assert all(box is not None and box["x"] >= 0.0 and box["x"] + box["width"] <= 390.0 for box in boxes)
 
 
 def test_a_telephone_shows_what_broke_and_the_next_step_on_its_first_screen(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 
 from hiltest.measurement import Limit
@@ -15,6 +15,7 @@ from hiltest.run_record.comparison import Change
 from hiltest.text import format_number
 
 _HEIGHT = 170.0
+_NAMED = 2  # change points whose run is named in the plot, the newest ones
 _FEW = 60  # largest number of points whose marks can be distinguished
 _STEPS = {
     Change.BETTER: ("better", Mark.PLUS),
@@ -24,7 +25,8 @@ _STEPS = {
 _MARGIN = 0.08  # of the range, above and below
 # The axis writes six digits: in a smaller range every tick would have the same number.
 _LEAST_RANGE = 2e-3
-# A limit farther from zero than this multiple of the values would flatten the plot; the caption names it instead.
+# A limit farther from zero than this multiple of the values, or from changed values than this multiple of their
+# change, would flatten the plot; the caption names it instead.
 _NEAR = 2.5
 
 
@@ -52,8 +54,11 @@ def figure(measured: MeasurementTrend, names: Sequence[str], *, more: str = "", 
         width=width,
         height=_HEIGHT,
     )
+    rows = {point: row for row, point in enumerate(_points(measured))}
     for line_series in measured.series:
-        _draw(drawn, line_series, scale)
+        _draw(drawn, line_series, scale, rows, names)
+    for step in measured.change_points[-_NAMED:]:
+        drawn.upright(step.after + 1.0, names[step.after], "thesis", beside=12.0)
     for change, (style, mark) in _STEPS.items():
         at = [
             (step.after + 1.0, point.value / scale)
@@ -69,9 +74,7 @@ def figure(measured: MeasurementTrend, names: Sequence[str], *, more: str = "", 
 
 def _sheet(measured: MeasurementTrend, names: Sequence[str]) -> Sheet:
     """Return the value of each run; for several seeds also the lowest and the highest."""
-    points = sorted(
-        (point for line_series in measured.series for point in line_series.points), key=lambda point: point.entry
-    )
+    points = _points(measured)
     spread = ("lowest", "highest") if any(point.low < point.high for point in points) else ()
     numbers = [(point.value, point.low, point.high)[: 1 + len(spread)] for point in points]
     return Sheet(
@@ -79,6 +82,12 @@ def _sheet(measured: MeasurementTrend, names: Sequence[str]) -> Sheet:
         ("run", measured.unit or "value", *spread),
         [[names[point.entry], *map(format_number, values)] for point, values in zip(points, numbers, strict=True)],
     )
+
+
+def _points(measured: MeasurementTrend) -> list[At]:
+    """Return the points in the order of the runs, which is that of the rows of the sheet."""
+    points = (point for line_series in measured.series for point in line_series.points)
+    return sorted(points, key=lambda point: point.entry)
 
 
 def change_point_key() -> list[KeyEntry]:
@@ -89,18 +98,22 @@ def change_point_key() -> list[KeyEntry]:
     ]
 
 
-def _draw(drawn: Figure, measured: Series, scale: float) -> None:
+def _draw(drawn: Figure, measured: Series, scale: float, rows: Mapping[At, int], names: Sequence[str]) -> None:
     for side in ("min", "max"):
         for limit_line in _limit_lines(measured.points, side, scale, drawn.y_range):
             drawn.line(limit_line, "limit")
     style, mark = series(measured.line)
+    low, high = drawn.y_range
+    if not any(low <= point.value / scale <= high for point in measured.points):
+        return
     for point in measured.points:
         if point.low < point.high:
             drawn.line([(point.entry + 1.0, side / scale) for side in (point.low, point.high)], f"{style} spread")
     points = [(point.entry + 1.0, point.value / scale) for point in measured.points]
     drawn.line(_drop_level_points(points), style)
     if len(points) <= _FEW:
-        drawn.marks(points, f"{style} filled", mark, radius=2.5)
+        words = [(rows[point], f"{names[point.entry]}: {format_number(point.value)}") for point in measured.points]
+        drawn.marks(points, f"{style} filled", mark, radius=2.5, rows=words)
 
 
 def _limit_lines(points: Sequence[At], side: str, scale: float, y_range: tuple[float, float]) -> Iterator[list[Point]]:
@@ -119,16 +132,23 @@ def _drop_level_points(points: Sequence[Point]) -> list[Point]:
 
 
 def _y_range(measured: MeasurementTrend, scale: float) -> tuple[float, float]:
-    points = [point for line_series in measured.series for point in line_series.points]
+    # With a change point the axis is that of the changed values: those of other conditions would flatten the change.
+    changed = [line_series for line_series in measured.series if line_series.change_points]
+    points = [point for line_series in changed or measured.series for point in line_series.points]
     low, high = min(point.low for point in points), max(point.high for point in points)
     furthest = max(abs(low), abs(high))
-    sides = [side for point in points for side in _sides(point.limit) if abs(side) <= _NEAR * furthest]
+    around = (_NEAR * (high - low), low, high) if changed else (_NEAR * furthest, 0.0)
+    sides = [side for point in points for side in _sides(point.limit) if _distance(side, *around[1:]) <= around[0]]
     low, high = min([low, *sides]), max([high, *sides])
     least = max(_LEAST_RANGE * furthest, 1e-12) or 1.0
     if furthest == 0.0 and not sides:
         least = 1.0
     pad = max(_MARGIN * (high - low), (least - (high - low)) / 2.0)
     return (low - pad) / scale, (high + pad) / scale
+
+
+def _distance(side: float, *ends: float) -> float:
+    return min(abs(side - end) for end in ends)
 
 
 def _sides(limit: Limit | None) -> list[float]:

@@ -73,7 +73,7 @@ def trend_page(trend: Trend, skipped: Sequence[Skipped]) -> str:
 
 
 def _plots(trend: Trend, heading: str, measured: Sequence[MeasurementTrend]) -> FigureGroup:
-    names = [words.run_name(trend, index) for index in range(len(trend.entries))]
+    names = [f"{words.run_name(trend, index)}, {entry.when_utc[:10]}" for index, entry in enumerate(trend.entries)]
     width = panel_width(len(measured), _MOST)
     drawn = [figure(measurement, names, more=words.under(trend, measurement), width=width) for measurement in measured]
     return FigureGroup("", heading, "", drawn, most=_MOST)
