@@ -16,6 +16,7 @@ from tests.finished_run import run_module
 
 from hiltest.measurement import KINDS, Section, identify
 from hiltest.rig.bench_files import rig_file
+from hiltest.text import format_number
 
 FILE = "imu_calibration.json"
 TASKS_STACK = "firmware.{task}.stack_most"
@@ -40,14 +41,15 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_page_has_the_verdict_first_and_every_figure_of_the_file(calibrated: Path) -> None:
-    page = calibrated.with_suffix(".html").read_text(encoding="utf-8")
-    assert page.index("calibrated</strong></h1>") < page.index("<table")
+    page = calibrated.with_suffix(".html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
+    assert page.index("calibrated</strong></h1>") < page.index("<h2>")
     content = json.loads(calibrated.read_text(encoding="utf-8"))
     for sensor in ("magnetometer", "accelerometer", "gyroscope"):
-        assert f"<h2>{sensor.capitalize()}</h2>" in page
-        assert page.count(content[sensor]["method"]) >= 1
-        for figure in content[sensor]["figures"]:
-            assert f">{figure['name']}</th>" in page
+        part = content[sensor]
+        assert f"<h2>{part['sensor']}</h2>" in page
+        assert f"By {part['method']}: " in page
+        for figure in part["figures"]:
+            assert f"<dt>{figure['name']}</dt><dd>{format_number(figure['value'])} {figure['unit']}</dd>" in page
 
 
 @pytest.fixture(scope="module")

@@ -123,12 +123,8 @@ def _write(calibration: ImuCalibration, out: Path, header: Path, page: Path) -> 
     from hiltest.report.page import render
     from hiltest.run_record.files import write_asked_for
 
-    field, gravity, rate = calibration.magnetometer, calibration.accelerometer, calibration.gyroscope
-    parts: list[tuple[object, ...]] = [("magnetometer", field, field.soft_iron, field.hard_iron)]
-    parts += [("accelerometer", gravity, gravity.gain, gravity.offset)] if gravity else []
-    parts += [("gyroscope", rate, rate.matrix, rate.bias)] if rate else []
-    about = {"file": out, "header": header, "number": format_number}
-    write_asked_for(page, render("calibration.html.j2", calibration=calibration, parts=parts, about=about))
+    parts = [part for part in (calibration.magnetometer, calibration.accelerometer, calibration.gyroscope) if part]
+    write_asked_for(page, render("calibration.html.j2", calibration=calibration, parts=parts, number=format_number))
     write_asked_for(header, to_header(calibration))
     write_asked_for(out, to_json(calibration))
 

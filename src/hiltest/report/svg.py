@@ -200,12 +200,13 @@ class Figure:
         edge, _ = self.place(centre[0] + radius, centre[1])
         self._add('<circle class="{}" cx="{}" cy="{}" r="{}"/>', style, x, y, edge - x)
 
-    def upright(self, x: float, text: str, style: str, *, beside: float = -4.0) -> None:
-        """Draw a vertical line at one value of x, with a text along it, to the left or with 12 to the right."""
+    def upright(self, x: float, text: str, style: str, *, right: bool = False, low: bool = False) -> None:
+        """Draw a vertical line at one value of x, with a text along it: above left, or to the right, or below."""
         self.line([(x, self.y_range[0]), (x, self.y_range[1])], style)
         at, _ = self.place(x, self.y_range[1])
-        template = '<text class="along" transform="translate({} {}) rotate(-90)" text-anchor="end">{}</text>'
-        self._add(template, at + beside, _TOP + 2, text)
+        anchor, y = ("start", self._frame[3] - 4) if low else ("end", _TOP + 2)
+        template = '<text class="along" transform="translate({} {}) rotate(-90)" text-anchor="{}">{}</text>'
+        self._add(template, at + (13.0 if right else -4.0), y, anchor, text)
 
     def svg(self) -> Markup:
         """Return the finished drawing."""

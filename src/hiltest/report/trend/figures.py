@@ -58,7 +58,8 @@ def figure(measured: MeasurementTrend, names: Sequence[str], *, more: str = "", 
     for line_series in measured.series:
         _draw(drawn, line_series, scale, rows, names)
     for step in measured.change_points[-_NAMED:]:
-        drawn.upright(step.after + 1.0, names[step.after], "thesis", beside=12.0)
+        grows = (step.difference.new or 0.0) > (step.difference.base or 0.0)
+        drawn.upright(step.after + 1.0, names[step.after].rpartition(", ")[2], "thesis", right=True, low=grows)
     for change, (style, mark) in _STEPS.items():
         at = [
             (step.after + 1.0, point.value / scale)
