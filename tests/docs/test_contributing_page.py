@@ -14,8 +14,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OWN = {"hiltest", "tests", "hil", "conftest"}
-# The compiler's own Python, a fuzzer that only `tox -e reliability` has, and what tests skip without.
-ELSEWHERE = {"atheris", "hatchling", "packaging", "labgrid", "orangebox", "docutils"}
+# A fuzzer that only `tox -e reliability` has.
+ELSEWHERE = {"atheris"}
 
 
 def distributions(requirements: list[str]) -> set[str]:
