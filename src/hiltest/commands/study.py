@@ -178,14 +178,12 @@ def study(
             progress.clear()
             click.echo(f"{folder} keeps the finished parts: repeat the command to continue", err=True)
             raise
-    rows = list(printed_rows(chosen, run))
-    for figure, paper, printed, measured, reproduced, why in rows:
-        word = {"yes": "reproduced", "no": "not reproduced"}.get(reproduced, "undecided")
+    figures = []
+    for figure, paper, printed, measured, answer, why in printed_rows(chosen, run):
+        reproduced = {"yes": True, "no": False}.get(answer)
+        figures.append(PrintedFigure(figure, paper, printed, measured, reproduced, why))
+        word = {True: "reproduced", False: "not reproduced", None: "undecided"}[reproduced]
         click.echo(f"{paper}: {figure}: printed {printed}, measured {measured}: {word}: {why}")
     click.echo(f"{folder}: run.json, {PAGE_FILE}")
     click.echo(run.verdict.sentence)
-    figures = [
-        PrintedFigure(figure, paper, printed, measured, {"yes": True, "no": False}.get(reproduced), why)
-        for figure, paper, printed, measured, reproduced, why in rows
-    ]
     return 0, StudyDocument(str(folder), figures, study_table(chosen, run), run.verdict)

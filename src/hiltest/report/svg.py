@@ -53,17 +53,14 @@ def log_ticks(low: float, high: float) -> tuple[float, ...]:
     if not 0.0 < low < high:
         raise ValueError(f"logarithmic axis from {low} to {high}")
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for every in count():  # 0: all ticks; then powers only, each, every second one, ...
-        values = (
-            float(f"{digit}e{power}")
-            for power in powers
-            if power % max(every, 1) == 0
-            for digit in ((1,) if every else (1, 2, 5))
-        )
-        ticks = tuple(value for value in values if low <= value <= high)
-        if len(ticks) <= _MOST_LABELS:
-            return ticks
-    raise AssertionError("an axis has fewer labels in the end")
+
+    def ticks(every: int) -> tuple[float, ...]:
+        """Return all ticks with 0, otherwise powers only, each or every second one, ..."""
+        digits = (1,) if every else (1, 2, 5)
+        values = (float(f"{digit}e{power}") for power in powers if power % max(every, 1) == 0 for digit in digits)
+        return tuple(value for value in values if low <= value <= high)
+
+    return next(labels for labels in map(ticks, count()) if len(labels) <= _MOST_LABELS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -190,14 +190,13 @@ class Kernel:
         return points
 
     def fit_quadrics(self, points: Array) -> QuadricBatch:
-        """Fit points, shape (m, n, 3), as `fit_quadrics`, but without coverage and direction variance."""
+        """Fit points, shape (m, n, 3), as `fit_quadrics`."""
         contiguous = np.ascontiguousarray(points, dtype=np.float64)
         rows = np.empty((len(contiguous), 13))
         places = (contiguous.ctypes.data_as(ctypes.c_void_p), *_uint64(len(contiguous), contiguous.shape[1]))
         if self._library.hiltest_fit(*places, rows.ctypes.data_as(ctypes.c_void_p)) < 0:
             raise MemoryError(f"no memory for {contiguous.shape[1]} points")
-        shape, nothing = rows[:, :9].reshape(-1, 3, 3), np.broadcast_to(np.nan, len(contiguous))
-        return QuadricBatch(shape, rows[:, 9:12], rows[:, 12], nothing, nothing)
+        return QuadricBatch(rows[:, :9].reshape(-1, 3, 3), rows[:, 9:12], rows[:, 12])
 
     def non_ellipsoids(self, model: Model, first: int, count: int) -> int:
         """Count the instances whose least-squares quadric is not an ellipsoid."""
