@@ -13,7 +13,7 @@ from hiltest.boards import Board, open_board
 from hiltest.interfaces.quantities import Quantity
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import OperatorTurntable
-from hiltest.procedures.hand_poses import Question
+from hiltest.procedures.questions import Question
 from hiltest.procedures.reported_headings import ReportedAngles, measure_reported_angles
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import shipped

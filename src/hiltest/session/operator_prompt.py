@@ -9,8 +9,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from shutil import get_terminal_size
 
-# Interval between updates of the text beside a question; an update itself takes some time [s].
-_LOOK_S = 0.2
+# Interval between updates of the text beside a question; an update itself takes some time, and the FIFO of a
+# gyroscope is full after 0.16 s [s].
+_LOOK_S = 0.02
 
 
 def ask(text: str) -> str:
