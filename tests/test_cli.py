@@ -56,6 +56,7 @@ def test_every_setting_is_an_option_of_run_without_a_prefix() -> None:
         ("device try --rig gone --for 1", "listen --rig gone --seconds 1", 2),
         ("fit-imu gone.csv", "fit imu gone.csv", 1),
         ("serve --pty --rig gone", "serve --rig gone", 1),
+        ("bench --rig gone", "run --page --rig gone", 0),
         (
             "bisect HEAD HEAD --firmware a --rig gone -- make --pty",
             "bisect HEAD HEAD --firmware a --rig gone -- make",

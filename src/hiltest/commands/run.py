@@ -24,6 +24,7 @@ from hiltest.commands.options import (
     setting_option,
 )
 from hiltest.errors import ConfigError
+from hiltest.rig.bench_files import REAL_RIG
 from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name
 
 
@@ -73,6 +74,17 @@ class _Run(click.Command):
     help="Run this older firmware first, and fail if the firmware is worse.",
 )
 @click.option("--flash", is_flag=True, help="Flash the firmware onto the board first, as hiltest flash does.")
+@click.option(
+    "--page",
+    is_flag=True,
+    help="Show the operator's questions also on a page, with the board as it lies. hiltest bench is short for it.",
+)
+@click.option(
+    "--host",
+    metavar="ADDRESS",
+    help="Serve the page on this address. Unless it is a loopback address, the printed URL contains a secret.  "
+    "[default: 127.0.0.1]",
+)
 @setting_option("coverage")
 @setting_option("record")
 @setting_option("replay")
@@ -109,6 +121,8 @@ def _run(
     jobs: int | str | None,
     against: str | None,
     flash: bool,
+    page: bool,
+    host: str | None,
     verbose: bool,
     pytest_args: Sequence[str],
     **arguments: Any,
@@ -125,9 +139,14 @@ def _run(
             raise ConfigError(f"two firmwares: --firmware {arguments['firmware']} and {pytest_args[0]}; leave one out")
         arguments["firmware"], *pytest_args = Path(pytest_args[0]), *pytest_args[1:]
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None
+    page_host = host or ("127.0.0.1" if page else None)
+    if page_host and not (rigs or arguments["port"] or os.environ.get("HIL_RIG")):
+        arguments["rig"] = REAL_RIG
     own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = own["baseline"] or base_of_environment()
     options = [*pytest_options(arguments), *_verbosity(pytest_args, verbose=verbose), *pytest_args]
+    if page_host and (len(rigs) > 1 or seeds is not None):
+        raise ConfigError("--page and --host are for the run of one board: leave them out")
     if may_fail and seeds is None:
         raise ConfigError("--may-fail needs several seeds: add --seeds A..B")
     if jobs and seeds is None:
@@ -178,7 +197,7 @@ def _run(
             )
         return code, out / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), out / OLDER_FOLDER)
-    return run_suites([*options, *pytest_options(own)], out, older=older, flashes=flash)
+    return run_suites([*options, *pytest_options(own)], out, older=older, flashes=flash, page_host=page_host)
 
 
 def _is_firmware(argument: str) -> bool:

@@ -32,6 +32,7 @@ _ACCELEROMETER_NOISE_MG = 1.3
 _NAMED_AT_MOST = 3
 BEGINS_ANEW = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 """Note before the first question about firmware that does not identify its build or its calibration."""
+_KEEPS = "type k if it was turned"
 _ORDERS = (
     f"{AXES_IN_WORDS} Pitch + lifts the nose, roll + lowers the right side.\n"
     "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
@@ -245,7 +246,11 @@ def walk_by_hand(
                 look and (lambda: _live(look(), pace())),
                 pose=None if at is None else poses[at],
                 asked_deg=None if at is None else asked_deg(poses[at].heading_deg),
-                wishes=[wish.value for wish in Wish if at is not None or wish not in (Wish.SKIP, Wish.KEEP)],
+                wishes=[
+                    wish.value
+                    for wish in Wish
+                    if (wish is not Wish.SKIP or at is not None) and (wish is not Wish.KEEP or _KEEPS in message)
+                ],
                 takes_heading=at is not None,
             )
         )
@@ -318,7 +323,7 @@ class _HandReadings(Generic[Taken]):
             self._doubted, self._doubts = (at, place), self._doubts + 1
             if self._doubts == QUESTIONS:
                 raise OperatorAbsentError(f"{QUESTIONS} times in a row {fault}: is an operator there?")
-            return f"{fault}. Turn the board and press Enter, or type k if it was turned: then its sensor is wrong.\n"
+            return f"{fault}. Turn the board and press Enter, or {_KEEPS}: then its sensor is wrong.\n"
         self._doubts = 0
         self.readings[at] = place
         self.walk.decision = self._decide(self.readings)
