@@ -132,5 +132,7 @@ def test_an_operator_at_a_telephone_answers_the_questions_and_sees_the_board(
     assert "you did not turn: field and gravity are those of pose 1, heading 0" in notes[-4]
     refusal = next(text for text in asked if text.startswith("the tumble"))
     assert "covers 0% of the sphere, at least 50% is needed: the points are no sphere" in refusal
-    assert seen["turned"] == ("+90 deg", "+90 deg")
+    turned, to_turn = seen["turned"]
+    assert to_turn == "+90 deg"
+    assert float(turned.removesuffix(" deg")) == pytest.approx(90.0, abs=3.0)  # gaps of a busy machine are bridged
     assert seen["points"] == 100
