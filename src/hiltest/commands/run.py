@@ -24,8 +24,9 @@ from hiltest.commands.options import (
     setting_option,
 )
 from hiltest.errors import ConfigError
+from hiltest.path_names import path_in
 from hiltest.rig.bench_files import REAL_RIG
-from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name
+from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name, serial_number
 
 
 class _Run(click.Command):
@@ -72,6 +73,12 @@ class _Run(click.Command):
     metavar="ELF",
     callback=parsed(file_name),
     help="Run this older firmware first, and fail if the firmware is worse.",
+)
+@click.option(
+    "--serial",
+    metavar="S",
+    callback=parsed(serial_number),
+    help="Record this board of a batch in the folder S of --out, and write page and tables over all boards there.",
 )
 @click.option("--flash", is_flag=True, help="Flash the firmware onto the board first, as hiltest flash does.")
 @click.option(
@@ -121,6 +128,7 @@ def _run(
     jobs: int | str | None,
     against: str | None,
     flash: bool,
+    serial: str | None,
     page: bool,
     host: str | None,
     verbose: bool,
@@ -142,11 +150,12 @@ def _run(
     page_host = host or ("127.0.0.1" if page else None)
     if page_host and not (rigs or arguments["port"] or os.environ.get("HIL_RIG")):
         arguments["rig"] = REAL_RIG
+    if serial is not None:
+        path_in(out, serial, remedy="choose another --serial")
+        arguments["label"] = arguments["label"] or serial
     own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = own["baseline"] or base_of_environment()
     options = [*pytest_options(arguments), *_verbosity(pytest_args, verbose=verbose), *pytest_args]
-    if page_host and (len(rigs) > 1 or seeds is not None):
-        raise ConfigError("--page and --host are for the run of one board: leave them out")
     if may_fail and seeds is None:
         raise ConfigError("--may-fail needs several seeds: add --seeds A..B")
     if jobs and seeds is None:
@@ -167,6 +176,8 @@ def _run(
             "port": arguments["port"],
             "coverage": own["coverage"],
             "calibration": arguments["calibration"],
+            "page": page_host,
+            "serial": serial,
             "record": own["record"],
             "replay": own["replay"],
         }
@@ -180,6 +191,8 @@ def _run(
     if seeds is not None:
         if arguments["seed"] is not None or arguments["port"]:
             raise ConfigError("--seeds runs many simulated worlds: leave out --seed and --port")
+        if page_host or serial:
+            raise ConfigError("--page and --serial are for the run of one board: leave them out")
         from hiltest.campaigns.campaign import run_seeds
 
         if against is not None:
@@ -197,7 +210,13 @@ def _run(
             )
         return code, out / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), out / OLDER_FOLDER)
-    return run_suites([*options, *pytest_options(own)], out, older=older, flashes=flash, page_host=page_host)
+    folder = out / serial if serial else out
+    ended = run_suites([*options, *pytest_options(own)], folder, older=older, flashes=flash, page_host=page_host)
+    if serial and ended[1] is not None and ended[1].parent.name == serial:
+        from hiltest.campaigns.several_boards import add_to_batch
+
+        click.echo(f"Label: {add_to_batch(out, serial)}")
+    return ended
 
 
 def _is_firmware(argument: str) -> bool:
