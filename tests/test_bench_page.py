@@ -81,7 +81,9 @@ def test_the_first_answer_to_the_present_question_counts_and_no_other(serve: Cal
 def test_the_state_is_the_question_its_live_text_and_the_sphere_with_its_hole(serve: Callable[..., BenchPage]) -> None:
     page, rig = serve(), load_rig(shipped() / "rigs" / DEFAULT_RIG)
     directions = sphere_directions(200)
-    page.show_points(rig)(10.0 * rig.field.strength_ut * directions[directions[:, 2] < 0.5])
+    points = np.round(10.0 * rig.field.strength_ut * directions[directions[:, 2] < 0.5]).astype(np.int16)
+    page.show_points(rig)(points, np.array([[8192, 0, 0], [0, 0, 8192]], np.int16))
+    assert json.loads(ask(page, "state")[1])["board"] == np.eye(3).tolist()
     page.ask(Question("you did not turn.\npose 2: turn.\n  Enter or q: ", wishes=["skip", "quit"], takes_heading=True))
     page.look(Live("board 1.0 deg, still; 1 of 4", Glance(1.0, False, noise="0.4 uT", turned_deg=-2.0)))
     state = json.loads(ask(page, "state")[1])

@@ -20,6 +20,7 @@ from hiltest.procedures.turntables import FACE_WORDS
 from hiltest.rig import Rig
 
 from ..report.browser.conftest import browser
+from ..report.browser.test_pages import violations
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -92,6 +93,7 @@ def test_an_operator_at_a_telephone_answers_the_questions_and_sees_the_board(
                 elif pose[1] == "2":
                     paced.bench.turn_round(at.heading_deg, rate_dps=TURN_DPS, after_s=0.5)
                     page.wait_for_function("() => Math.abs(news.turned_deg - 90) < 2 && !news.moves", timeout=WAIT_MS)
+                    seen["violations"] = violations(page)
                     seen["turned"] = page.locator("#turned").inner_text(), page.locator("#asked").inner_text()
                     if pictures:
                         page.screenshot(path=f"{pictures}/turned-390.png", full_page=True)
@@ -119,6 +121,7 @@ def test_an_operator_at_a_telephone_answers_the_questions_and_sees_the_board(
         assert process.wait(ENDS_S) == 22
         page.close()
     assert complaints == []
+    assert seen["violations"] == []
     begins = [re.match(r"(pose \d|face \d|take the board|the tumble covers)", text) for text in asked]
     assert [begin[1] for begin in begins if begin] == [
         *(f"face {number}" for number in range(1, 7)),

@@ -44,7 +44,7 @@ class Hand:
         self.asked.append(re.sub(r"\s+", " ", question))
         if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
             self.stage.turn_to(Pose(*map(float, pose.groups())))
-        if isinstance(question, Question):
+        if isinstance(question, Question) and question.live is not None:
             self.beside += [question.live() for _ in range(self.looks)]
         self.then(len(self.asked))
         return self.answers.pop(0) if self.answers else ""

@@ -24,7 +24,6 @@ from hiltest.commands.options import (
     setting_option,
 )
 from hiltest.errors import ConfigError
-from hiltest.path_names import path_in
 from hiltest.rig.bench_files import REAL_RIG
 from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name, serial_number
 
@@ -104,6 +103,8 @@ def run(*, as_json: bool, **arguments: Any) -> int:
     The suites are those in hil/suites of this folder, or the packaged ones if there are none. ELF is the same as
     --firmware ELF. Arguments after -- go to pytest: hiltest run -- -k heading
     """
+    if as_json and (arguments["page"] or arguments["host"]):
+        raise ConfigError("--json hides the address of the page: leave one of --json and --page out")
     if not as_json:
         return _run(**arguments)[0]
     from hiltest.run_record.exit_codes import ExitCode
@@ -151,7 +152,6 @@ def _run(
     if page_host and not (rigs or arguments["port"] or os.environ.get("HIL_RIG")):
         arguments["rig"] = REAL_RIG
     if serial is not None:
-        path_in(out, serial, remedy="choose another --serial")
         arguments["label"] = arguments["label"] or serial
     own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = own["baseline"] or base_of_environment()

@@ -355,7 +355,7 @@ class _HandReadings(Generic[Taken]):
             fault = turn_fault(known_fields, (read[0], read[1]), turned_deg)
         if reader.turn.contradicts(_pose(before), turned_deg):
             scale = fault or f"the scale says that the board turned by {turned_deg:+.0f} deg"
-            return f"{scale}, its gyroscope {reader.turn.turned_deg(_pose(before)):+.0f}"
+            return f"{scale}, its gyroscope {round(reader.turn.turned_deg(_pose(before)) or 0.0):+d}"
         return fault
 
     def glance(self) -> Glance:

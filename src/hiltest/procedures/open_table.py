@@ -7,8 +7,7 @@ from collections.abc import Callable
 from hiltest.boards.board import Board
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
 from hiltest.procedures.requested_headings import RequestReader
-from hiltest.procedures.tumble import Counts
-from hiltest.procedures.turntables import Turntable, open_turntable
+from hiltest.procedures.turntables import ShowPoints, Turntable, ignore_points, open_turntable
 from hiltest.rig import Rig
 from hiltest.tape.tape import LIVE, Tape
 
@@ -19,7 +18,7 @@ def open_table(
     *,
     prompt: Callable[[str], str] | None = None,
     tape: Tape = LIVE,
-    show_points: Callable[[Counts], None] = lambda points: None,
+    show_points: ShowPoints = ignore_points,
 ) -> Turntable:
     """Return the turntable: motors, the simulated table of a virtual board, or an operator.
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from hiltest.orientation.angles import Pose
 
+_LEAST_ACROSS = 0.1  # below it the noise of a sensor would turn the drawn board
+
 
 class Glance(NamedTuple):
     """The board as its sensors show it while a question waits."""
@@ -26,14 +28,19 @@ class Glance(NamedTuple):
     def __str__(self) -> str:
         """Return the text beside the question."""
         heading = "no heading" if self.heading_deg is None else f"board {self.heading_deg:.1f} deg"
-        turned = "" if self.turned_deg is None else f", turned {self.turned_deg:+.0f}"
+        turned = "" if self.turned_deg is None else f", turned {round(self.turned_deg):+d}"
         return f"{heading}{turned}, {'moving' if self.moves else 'still'}"
 
 
 def attitude_by(gravity: Iterable[float], heading_deg: float | None) -> Pose:
-    """Return the attitude of a board that stands, from gravity along its axes, shape (3,), in any unit."""
+    """Return the attitude of a board that stands, from gravity along its axes, shape (3,), in any unit.
+
+    A board on its nose or tail has no roll.
+    """
     x, y, z = gravity
-    return Pose(heading_deg or 0.0, math.degrees(math.atan2(-x, math.hypot(y, z))), math.degrees(math.atan2(y, z)))
+    across = math.hypot(y, z)
+    roll_deg = math.degrees(math.atan2(y, z)) if across > _LEAST_ACROSS * abs(x) else 0.0
+    return Pose(heading_deg or 0.0, math.degrees(math.atan2(-x, across)), roll_deg)
 
 
 class Live(str):
@@ -66,12 +73,6 @@ class Question(str):
         True if the answer may be a heading.
     """
 
-    live: Callable[[], str] | None
-    pose: Pose | None
-    asked_deg: float | None
-    wishes: Sequence[str]
-    takes_heading: bool
-
     def __new__(
         cls,
         text: str,
@@ -87,3 +88,9 @@ class Question(str):
         question.live, question.pose, question.asked_deg = live, pose, asked_deg
         question.wishes, question.takes_heading = wishes, takes_heading
         return question
+
+    live: Callable[[], str] | None
+    pose: Pose | None
+    asked_deg: float | None
+    wishes: Sequence[str]
+    takes_heading: bool

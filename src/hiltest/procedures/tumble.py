@@ -17,7 +17,7 @@ from hiltest.link.replies import SensorKind
 from hiltest.procedures.coverage import hole_in_words, sphere_coverage
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.turntables import OperatorTurntable, Turntable
+from hiltest.procedures.turntables import OperatorTurntable, ShowPoints, Turntable, ignore_points
 from hiltest.rig import Rig
 
 Counts = NDArray[np.int16]
@@ -253,9 +253,7 @@ def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
 class _Collected:
     """Points so far: stored on the board, and read back."""
 
-    def __init__(
-        self, board: Board, points: int, tell: Progress, show: Callable[[Counts], None] = lambda points: None
-    ) -> None:
+    def __init__(self, board: Board, points: int, tell: Progress, show: ShowPoints = ignore_points) -> None:
         self._show = show
         self.stored = self._overruns = self._back = 0
         self.total, self.now_s = points, board.now_s
@@ -286,7 +284,7 @@ class _Collected:
             self._accelerometer.append(back.accelerometer)
         self._back = self.stored
         points = np.concatenate(self._magnetometer)
-        self._show(points)
+        self._show(points, self._accelerometer[-1])
         coverage = sphere_coverage(points, field_ut=self._board.declared.field_ut)
         self._tell(f"tumble, {100 * coverage:.0f} % of the sphere", self.stored, self.total)
 

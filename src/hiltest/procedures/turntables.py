@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,14 @@ SWAY_S = 24.0
 AXES_IN_WORDS = "Axes of the board: x points to its nose, y to its right side, z through it, down when it is level."
 #: Number of consecutive invalid answers after which the operator counts as absent.
 QUESTIONS = 3
+
+
+#: Shows a tumble: all points of the magnetometer, and the latest of the accelerometer, shape (n, 3) each [counts].
+ShowPoints: TypeAlias = Callable[[NDArray[np.int16], NDArray[np.int16]], None]
+
+
+def ignore_points(_points: object, _accelerometer: object) -> None:
+    """Show no points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,12 +209,7 @@ class OperatorTurntable:
     may_look
         True if the board may be read while a question waits: a recording has no place for it.
     show_points
-        Shows the points of a tumble so far, counts of shape (n, 3).
-
-    Attributes
-    ----------
-    may_look : bool
-    show_points : callable
+        Shows a tumble.
     """
 
     name = "operator"
@@ -220,7 +223,7 @@ class OperatorTurntable:
         shows_coverage: bool = True,
         look: Callable[[], Glance] | None = None,
         may_look: bool = True,
-        show_points: Callable[[NDArray[np.int16]], None] = lambda points: None,
+        show_points: ShowPoints = ignore_points,
     ) -> None:
         self._prompt = prompt
         self._look = look

@@ -32,7 +32,7 @@ function words(question) {
 }
 
 function degrees(angle) {
-  return angle === null || angle === undefined ? "unknown" : `${angle > 0 ? "+" : ""}${angle.toFixed(0)} deg`;
+  return typeof angle === "number" ? `${angle > 0.5 ? "+" : ""}${Math.round(angle) || 0} deg` : "unknown";
 }
 
 function show() {

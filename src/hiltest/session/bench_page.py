@@ -8,19 +8,20 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any
 from urllib.parse import urlsplit
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.boards.served_lines import MOST_WAITING, TOKEN_S, listen, place_in_url, token_of
 from hiltest.orientation.angles import Pose, rotation_rows
 from hiltest.procedures.coverage import directions_of, hole_in_words, largest_uncovered_cap
-from hiltest.procedures.questions import Live, Question
+from hiltest.procedures.questions import Live, Question, attitude_by
+from hiltest.procedures.turntables import ShowPoints
 from hiltest.report.page import render
 from hiltest.rig import Rig
 
@@ -113,19 +114,21 @@ class BenchPage:
         """Show the progress of long work."""
         self._update(progress=text.strip())
 
-    def show_points(self, rig: Rig) -> Callable[[ArrayLike], None]:
-        """Return a function that shows the points of a tumble [counts], shape (n, 3), on the sphere with its hole."""
+    def show_points(self, rig: Rig) -> ShowPoints:
+        """Return a function that shows a tumble: the sphere with its hole, and the tilt of the board."""
 
-        def show(points: ArrayLike) -> None:
+        def show(points: NDArray[np.int16], accelerometer: NDArray[np.int16]) -> None:
             directions = directions_of(points, field_ut=rig.field.strength_ut)
             radius_deg, hole = largest_uncovered_cap(points, field_ut=rig.field.strength_ut)
             self._update(
+                board=_rows(attitude_by(accelerometer[-1].tolist(), None)),
+                moves=True,
                 sphere={
                     "points": [] if directions is None else directions.round(3).tolist(),
                     "hole": None if hole is None else hole.round(3).tolist(),
                     "radius_deg": radius_deg,
                     "words": hole_in_words(points, field_ut=rig.field.strength_ut, dip_deg=rig.field.dip_deg),
-                }
+                },
             )
 
         return show
@@ -185,7 +188,6 @@ class _Server(ThreadingHTTPServer):
         self._callers: deque[socket.socket] = deque()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer a caller in a thread of its own."""
         self._callers.append(request)
         while len(self._callers) > MOST_WAITING:
             self.shutdown_request(self._callers.popleft())
@@ -200,7 +202,6 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        """Send the page, its script, or the state of the run."""
         page, path = self.server.page, self.server.page.path_of(self.headers, self.path)
         if path == "":
             self._send(render("bench.html.j2", package="hiltest.session").encode(), "text/html; charset=utf-8")
@@ -212,7 +213,6 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.FORBIDDEN if path is None else HTTPStatus.NOT_FOUND)
 
     def do_POST(self) -> None:
-        """Take an answer."""
         page, length = self.server.page, self.headers.get("Content-Length", "")
         if page.path_of(self.headers, self.path) != "answer" or not length.isdecimal() or int(length) > _LONGEST_ANSWER:
             self.send_error(HTTPStatus.FORBIDDEN)
