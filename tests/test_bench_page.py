@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
+from hiltest.boards.served_lines import TOKEN_S
 from hiltest.calibration.quality import sphere_directions
 from hiltest.errors import ConfigError
 from hiltest.procedures.questions import Glance, Live, Question
@@ -130,9 +131,8 @@ def test_silent_callers_hold_up_nobody(serve: Callable[..., BenchPage]) -> None:
     with ExitStack() as stack:
         silent = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(40)]
         assert ask(page, "state")[0] == 200
-        assert time.monotonic() - began_s < STAYS_S / 4.0
-        silent[0].settimeout(STAYS_S)
-        assert silent[0].recv(1) == b""  # the one that waited longest was disconnected
+        silent[0].settimeout(max(0.1, TOKEN_S / 2.0 - (time.monotonic() - began_s)))
+        assert silent[0].recv(1) == b""  # the one that waited longest was disconnected long before its time was over
 
 
 def test_an_address_that_this_machine_lacks_is_refused() -> None:

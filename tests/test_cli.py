@@ -156,6 +156,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--", "-p", "no:hiltest"], "hiltest run needs the pytest plugin hiltest: leave out -p no:hiltest"),
         (["report", "x" * 300], "no file can have this name: File name too long"),
         (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
+        (["run", "--seeds", "1..2", "--serial", "7"], "--page and --serial are for the run of one board"),
+        (["bench", "--json"], "--json hides the address of the page"),
         (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
         (["run", "gone.elf"], "gone.elf: No such file or directory"),
         (["run", "--firmware", "other.elf", "--", "--hil-out=mine.elf"], "other.elf: No such file or directory"),

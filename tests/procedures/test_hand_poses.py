@@ -241,6 +241,16 @@ def test_the_gyroscope_tells_the_turn_since_the_last_pose_beside_that_of_the_sca
     assert any(", moving; " in text for text in hand.beside[20:40])
 
 
+def test_a_table_whose_board_may_not_be_looked_at_asks_without_a_live_text(virtual_board: Board) -> None:
+    asked: list[object] = []
+    virtual_board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))
+    table = OperatorTurntable(prompt=lambda text: asked.append(text) or "", uncertainty_deg=1.0, may_look=False)
+    measure_known_angles(
+        virtual_board, table, poses=POSES[:1], slots={"uncalibrated": 0}, mounting_yaw_deg=0.0, readings=4
+    )
+    assert [isinstance(question, Question) and question.live for question in asked] == [None, None]
+
+
 def test_a_kept_reading_stands_in_the_record_as_not_turned(virtual_board: Board) -> None:
     hand = WrongHand(virtual_board, {3: [None]}, "k", "", "", "", "k")
     result = walked(virtual_board, hand, CIRCLE[:4])
