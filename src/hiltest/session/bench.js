@@ -189,13 +189,13 @@ async function ask() {
     unanswered = 0;
     show();
   } catch {
-    if (!news.ended && ++unanswered > LOST_AFTER) {
+    if (++unanswered > LOST_AFTER) {
       news.asks = false;
       enable();
       at("request").textContent = "The run does not answer any more: see its terminal.";
     }
   }
-  setTimeout(ask, NEWS_MS);
+  if (!news.ended) setTimeout(ask, NEWS_MS);
 }
 
 at("enter").addEventListener("click", () => answer(at("reached").querySelector("input").value.trim()));
