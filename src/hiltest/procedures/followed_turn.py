@@ -39,8 +39,7 @@ class FollowedTurn:
         self._path_deg = self._time_s = 0.0
 
     def stand(self, times_s: ArrayLike, rates_dps: ArrayLike) -> None:
-        """Add samples of a board that stood, and take their mean as the bias from now on."""
-        self.add(times_s, rates_dps)
+        """Take the mean of samples of a board that stood, since the last that were added, as the bias from now on."""
         rates = np.asarray(rates_dps, dtype=np.float64)
         if len(rates):
             self._bias_dps = rates.mean(axis=0)

@@ -342,8 +342,10 @@ class ReportReader:
         """
         window_s, ends_s = self._output.device.window_s, self.now_s() + STILL_WITHIN_S
         before = self._output.observe(window_s)
+        self.turn.add(*self._rates(before))
         while True:
             after = self._output.observe(window_s)
+            self.turn.add(*self._rates(after))
             motion = self._movement(before, after)
             if not motion:
                 settled = self.read(pose)

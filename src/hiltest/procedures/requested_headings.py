@@ -141,6 +141,7 @@ class RequestReader:
         before = board.session.request(Average(self._readings, self._mask))
         while True:
             times_s, rates_dps = self._rates(math.ceil(_APART_S * SAMPLE_RATE_HZ))
+            self.turn.add(times_s, rates_dps)
             if not len(times_s):
                 board.sleep(_APART_S)
             reply = board.session.request(Average(self._readings, self._mask))
@@ -149,7 +150,6 @@ class RequestReader:
                 self.turn.stand(times_s, rates_dps)
                 self._check(pose, reply)
                 return reply, ""
-            self.turn.add(times_s, rates_dps)
             if board.now_s() > ends_s:
                 return None, motion
             before = reply
