@@ -56,6 +56,7 @@ def test_every_setting_is_an_option_of_run_without_a_prefix() -> None:
         ("device try --rig gone --for 1", "listen --rig gone --seconds 1", 2),
         ("fit-imu gone.csv", "fit imu gone.csv", 1),
         ("serve --pty --rig gone", "serve --rig gone", 1),
+        ("bench --rig gone", "run --page --rig gone", 0),
         (
             "bisect HEAD HEAD --firmware a --rig gone -- make --pty",
             "bisect HEAD HEAD --firmware a --rig gone -- make",
@@ -149,6 +150,8 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
     ("arguments", "complaint"),
     [
         (["run", "--", "-p", "no:hiltest"], "hiltest run needs the pytest plugin hiltest: leave out -p no:hiltest"),
+        (["run", "--seeds", "1..2", "--serial", "7"], "--page and --serial are for the run of one board"),
+        (["bench", "--json"], "--json hides the address of the page"),
         (["run", "--firmware", "other.elf", "--", "--hil-out=mine.elf"], "other.elf: No such file or directory"),
         (["run", "--rig", "gone"], "no rig file 'gone'; rigs here: frdm-k64f, "),
     ],

@@ -13,7 +13,7 @@ from itertools import count
 import pytest
 
 from hiltest.errors import OperatorAbsentError
-from hiltest.procedures.hand_poses import Question
+from hiltest.procedures.questions import Question
 from hiltest.session.operator_prompt import ask
 
 END_OF_FILE = b"\x04"

@@ -82,7 +82,7 @@ def test_an_operator_is_asked_again_for_each_slip_and_the_headings_are_judged(
     )
     assert "pose 4: turn to heading 270" in ended.shown
     # Beside each question, drawn in place.
-    assert re.search(r"board \d+\.\d deg, (still|moving); 3 of 4, \d+ s left\x1b\[K", ended.shown)
+    assert re.search(r"board \d+\.\d deg(, turned [+-]\d+)?, (still|moving); 3 of 4", ended.shown)
     assert faces == [
         "nose down",
         "nose up",
@@ -149,3 +149,31 @@ def test_a_run_that_is_stopped_and_one_that_is_killed_go_on_at_the_next_pose(
     assert [row[0] for row in poses["rows"]] == [0, 90, 180]
     assert "1 of 4 known angles not measured: heading 270, pitch +0, roll +0" in record["verdict"]["sentence"]
     assert not (folder / "out" / "journal.jsonl").exists()
+
+
+@pytest.mark.ci
+def test_with_fewest_poses_an_operator_is_asked_only_until_the_limits_are_decided(
+    pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path, at_a_terminal: Callable[..., Any]
+) -> None:
+    paced = pty_board(rig)
+    text = operators_rig_file.read_text(encoding="utf-8")
+    operators_rig_file.write_text(text.replace('kind = "operator"', 'kind = "operator"\nfewest_poses = true'))
+    asked: list[int] = []
+
+    def answer(question: str) -> str:
+        if pose := re.search(r"pose (\d+): turn to heading (\S+), pitch (\S+), roll (\S+) and", question):
+            asked.append(int(pose[1]))
+            paced.bench.turn_to(Pose(*map(float, pose.groups()[1:])))
+        elif face := re.search(r"put the board (.+), square on", question):
+            paced.bench.turn_to(next(item.pose for item in FACES if FACE_WORDS[item] == face[1]))
+        elif "all round" in question:
+            paced.tumble_by_hand()
+        return "\n"
+
+    words = [word for word in command(operators_rig_file, paced.path) if word != "--hil-poses=level"]
+    ended = at_a_terminal([*words, "-k", "heading_at_known_angles"], operators_rig_file.parent, answer)
+    assert ended.code == 0, ended.shown
+    assert asked != sorted(asked)  # in the order of their information
+    assert len(asked) == len(set(asked)) == measured(operators_rig_file)["heading.poses"] < 20
+    assert f"{len(asked)} of 20 known angles prove that all limits of headings are met" in ended.shown
+    assert f"{len(asked)} of 20 known angles are taken." in ended.shown

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -11,7 +12,7 @@ from tests.command_files import run
 from tests.test_json_documents import checked
 
 from hiltest.campaigns.several_boards import apart_of, verdict_of
-from hiltest.measurement import Measurement, Outcome
+from hiltest.measurement import Limit, Measurement, Outcome
 from hiltest.report.boards_page import BoardLine
 from hiltest.rig.bench_files import shipped
 
@@ -53,9 +54,46 @@ def test_a_board_that_is_lost_leaves_the_others_their_verdict(
     assert "gone: connection lost" in (tmp_path / "hil-out" / "boards.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
+def test_the_boards_of_a_batch_have_one_table_and_each_a_label(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled = {}
+    for serial in ("K64-7", "K64-8"):
+        assert run("run", "--rig", "virtual-k64f", "--serial", serial, "--", "-k", "names_itself") == 0
+        labelled[serial] = capsys.readouterr().out.splitlines()[-1]
+    for serial, label in labelled.items():
+        assert re.fullmatch(
+            rf"Label: {serial} \| PASS \| \d{{4}}-\d\d-\d\d \| .+ \| hiltest-frdm-k64f .+ build \w+", label
+        )
+    record = json.loads((tmp_path / "hil-out" / "K64-8" / "run.json").read_text(encoding="utf-8"))
+    assert record["revision"]["label"] == "K64-8"
+    summary = checked((tmp_path / "hil-out" / "boards.json").read_text(encoding="utf-8"), "hiltest.boards/1")
+    assert [board["name"] for board in summary["boards"]] == ["K64-7", "K64-8"]
+    rows = [*csv.DictReader((tmp_path / "hil-out" / "boards.csv").read_text(encoding="utf-8").splitlines())]
+    assert (rows[0]["measurement"], rows[0]["K64-7"], rows[0]["K64-8"]) == ("exit code", "0", "0")
+    values = {measurement["name"]: measurement["values"] for measurement in summary["measurements"]}
+    assert [row["measurement"] for row in rows[1:]] == list(values)
+    assert {float(rows[1][serial]) for serial in labelled} == {*values[rows[1]["measurement"]].values()}
+    assert 'href="./K64-7/report.html"' in (tmp_path / "hil-out" / "boards.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("serial", ["../x", "a/b", "=1+1", "-x", "", "x" * 65, "a.b"])
+def test_a_serial_number_that_is_no_name_is_refused_before_a_run_starts(
+    serial: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run("run", f"--serial={serial}") == 4
+    assert "serial" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (("--serial", "7"), "--serial is for one board"),
+        (("--page",), "--page is for one board"),
         (("--seeds", "1..2"), "--seeds is for one board"),
         (("--against", "old.elf"), "--against is for one board"),
         (("--port", "/dev/ttyACM0"), "--port is for one board"),
@@ -122,6 +160,28 @@ def test_a_rig_whose_name_leads_to_another_folder_is_refused_before_a_run_starts
 
 def measured(value: float | None, **more: str) -> Measurement:
     return Measurement(more.get("name", "heading.direct.max"), value, "deg", cycle_model=more.get("model", ""))
+
+
+def limited(value: float, limit: Limit | None) -> Measurement:
+    return Measurement("heading.direct.max", value, "deg", limit=limit, outcome=Outcome.PASS)
+
+
+def test_the_capability_is_the_room_to_the_nearer_limit_in_three_deviations() -> None:
+    numbers = {"a": 0.9, "b": 1.1, "c": 1.3}
+    (result,) = apart_of({board: [limited(value, Limit(max=2.0))] for board, value in numbers.items()})
+    assert (result.mean, result.deviation) == (pytest.approx(1.1), pytest.approx(0.2))
+    assert result.cpk == pytest.approx(0.9 / 0.6)
+    assert result.apart == ("0.40", "0.20", "1.50")
+    (both,) = apart_of({board: [limited(value, Limit(min=1.0, max=2.0))] for board, value in numbers.items()})
+    assert both.cpk == pytest.approx(0.1 / 0.6)
+    (out,) = apart_of({board: [limited(value, Limit(max=0.5))] for board, value in numbers.items()})
+    assert out.cpk == pytest.approx(-1.0)
+    for differ in ((Limit(max=2.0), Limit(max=3.0)), (None, None)):
+        (none,) = apart_of({"a": [limited(0.9, differ[0])], "b": [limited(1.1, differ[1])]})
+        assert none.cpk is None
+        assert none.deviation == pytest.approx(0.1 * 2**0.5)
+    (equal,) = apart_of({board: [limited(1.0, Limit(max=2.0))] for board in "ab"})
+    assert (equal.deviation, equal.cpk) == (0.0, None)
 
 
 def test_the_spread_is_of_numbers_that_are_alike() -> None:

@@ -18,7 +18,8 @@ from hiltest.link.messages import Average, SetCalibration
 from hiltest.link.replies import AverageReply
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
-from hiltest.procedures.hand_poses import PoseWalk, Question, Wish, wish_of
+from hiltest.procedures.hand_poses import PoseWalk, Wish, wish_of
+from hiltest.procedures.questions import Question
 from hiltest.procedures.requested_headings import movement
 from hiltest.rig import Rig
 
@@ -203,6 +204,51 @@ def test_a_turn_by_another_angle_than_the_scale_says_is_named(virtual_board: Boa
     assert said
     assert 50 < int(said[1]) < 66  # iron is not calibrated yet
     assert hand.poses[:4] == [1, 2, 2, 3]
+
+
+class WatchedHand(Hand):
+    """Turns the table by the given angles [deg], one for each question, while the board is looked at."""
+
+    def __init__(self, board: Board, turns: list[float], *answers: str) -> None:
+        super().__init__(board, *answers)
+        self.turns = turns
+
+    def __call__(self, question: str) -> str:
+        assert isinstance(question, Question)
+        assert question.live is not None
+        self.asked.append(question)
+        turn_deg = self.turns.pop(0) if self.turns else 0.0
+        question.live()
+        if turn_deg:
+            self.stage.turn_round(turn_deg, rate_dps=60.0, after_s=0.2)
+        for _ in range(20):  # 0.1 s of the board's clock each
+            self.beside.append(question.live())
+        return self.answers.pop(0) if self.answers else ""
+
+
+def test_the_gyroscope_tells_the_turn_since_the_last_pose_beside_that_of_the_scale(virtual_board: Board) -> None:
+    assert virtual_board.stage is not None
+    virtual_board.stage.turn_to(Pose(0.0))
+    hand = WatchedHand(virtual_board, [0.0, 58.0, -28.0, 30.0])
+    walked(virtual_board, hand, tuple(Pose(30.0 * index) for index in range(3)))
+    assert hand.poses == [1, 2, 2, 3]
+    told = r"the scale says that the board turned by 30 deg, its magnetometer \d+, its gyroscope \+(\d+)\."
+    assert (refusal := re.match(told, hand.asked[2]))
+    assert int(refusal[1]) == pytest.approx(58, abs=1)  # rounded, and the bias of 0.3 s
+    assert all(", turned " not in text for text in hand.beside[:20])  # there is no pose before the first
+    last = [re.search(r", turned ([+-]\d+), still; ", hand.beside[20 * asked + 19]) for asked in range(1, 4)]
+    assert [int(text[1]) for text in last if text] == pytest.approx([58, 30, 30], abs=1)
+    assert any(", moving; " in text for text in hand.beside[20:40])
+
+
+def test_a_table_whose_board_may_not_be_looked_at_asks_without_a_live_text(virtual_board: Board) -> None:
+    asked: list[object] = []
+    virtual_board.session.request(SetCalibration(0, np.eye(3), np.zeros(3)))
+    table = OperatorTurntable(prompt=lambda text: asked.append(text) or "", uncertainty_deg=1.0, may_look=False)
+    measure_known_angles(
+        virtual_board, table, poses=POSES[:1], slots={"uncalibrated": 0}, mounting_yaw_deg=0.0, readings=4
+    )
+    assert [isinstance(question, Question) and question.live for question in asked] == [None, None]
 
 
 def test_a_kept_reading_stands_in_the_record_as_not_turned(virtual_board: Board) -> None:

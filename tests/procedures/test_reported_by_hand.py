@@ -13,11 +13,11 @@ from hiltest.boards import Board, open_board
 from hiltest.interfaces.quantities import Quantity
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import OperatorTurntable
-from hiltest.procedures.hand_poses import Question
+from hiltest.procedures.questions import Question
 from hiltest.procedures.reported_headings import ReportedAngles, measure_reported_angles
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import shipped
-from hiltest.rig.rig_file import parse_rig
+from hiltest.rig.rig_file import load_rig, parse_rig
 from hiltest.tape.tape_recorder import Recorder
 
 pytestmark = pytest.mark.slow
@@ -44,7 +44,7 @@ class Hand:
         self.asked.append(re.sub(r"\s+", " ", question))
         if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
             self.stage.turn_to(Pose(*map(float, pose.groups())))
-        if isinstance(question, Question):
+        if isinstance(question, Question) and question.live is not None:
             self.beside += [question.live() for _ in range(self.looks)]
         self.then(len(self.asked))
         return self.answers.pop(0) if self.answers else ""
@@ -128,6 +128,34 @@ def test_a_board_that_never_stands_is_asked_for_again_where_its_vectors_show_it(
         assert result.unsettled == 1
         assert all(", moving; 1 of 1" in item for item in hand.beside[2:]), "by its heading"
         board.close()
+
+
+def test_the_reported_gyroscope_tells_the_turn_since_the_last_pose_beside_that_of_the_scale() -> None:
+    turns = [0.0, 58.0, -28.0]
+    asked: list[str] = []
+    beside: list[str] = []
+    with opened(load_rig(shipped() / "rigs" / "stm32f411-disco.toml")) as board:
+        stage = board.stage
+        assert stage is not None
+        stage.turn_to(Pose(0.0))
+
+        def hand(question: str) -> str:
+            assert isinstance(question, Question)
+            assert question.live is not None
+            asked.append(question)
+            if turns and (turn_deg := turns.pop(0)):
+                stage.turn_round(turn_deg, rate_dps=30.0, after_s=0.3)
+            beside.extend(question.live() for _ in range(10))  # 0.3 s each
+            return ""
+
+        poses = (Pose(0.0), Pose(30.0))
+        measure_reported_angles(board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses)
+    refusal = re.match(r"the scale says that the board turned by \+30 deg, its gyroscope \+(\d+)\. Turn", asked[2])
+    assert refusal
+    assert int(refusal[1]) == pytest.approx(58, abs=2)  # ten lines in a second, the mean of two between them
+    assert len(asked) == 4
+    last = [re.search(r", turned ([+-]\d+), still; ", beside[10 * number + 9]) for number in range(1, 4)]
+    assert [int(text[1]) for text in last if text] == pytest.approx([58, 30, 0], abs=2)
 
 
 def test_nothing_is_heard_beside_a_question_while_a_run_is_recorded(tmp_path: Path) -> None:

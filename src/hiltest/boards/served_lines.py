@@ -35,7 +35,7 @@ _LONGEST_QUEUE = 1 << 24
 # A client whose machine disappeared without closing is noticed after about this time [s].
 _DEAD_AFTER_S = 30
 # Callers without a token so far: the longest time [s], and the most of them.
-_TOKEN_S, _MOST_WAITING = 5.0, 8
+TOKEN_S, MOST_WAITING = 5.0, 8
 
 
 class PortLine(Protocol):
@@ -244,6 +244,17 @@ def listen(host: str, port: int) -> socket.socket:
         raise ConfigError(f"cannot listen on {host} port {port}: {reason}. {advice}") from error
 
 
+def token_of(listener: socket.socket) -> str:
+    """Return a new secret that callers of a port must send; empty on a loopback address, where all are let in."""
+    address: str = listener.getsockname()[0]
+    return "" if ipaddress.ip_address(address.partition("%")[0]).is_loopback else secrets.token_hex(16)
+
+
+def place_in_url(host: str, port: int) -> str:
+    """Return host and port as in a URL."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+
+
 def keep_alive(client: socket.socket) -> None:
     """Send small packets at once, and notice a client whose machine has disappeared."""
     client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -271,11 +282,8 @@ class Door:
         self.listener = listen(host, port)
         self.listener.setblocking(False)
         self._waiting: dict[socket.socket, tuple[bytes, float]] = {}  # bytes so far, and time of arrival
-        address, self.port = self.listener.getsockname()[:2]
-        is_local = ipaddress.ip_address(address.partition("%")[0]).is_loopback
-        self.token = "" if is_local else secrets.token_hex(16)
-        at = f"[{host}]" if ":" in host else host
-        self.url = f"socket://{f'{self.token}@' if self.token else ''}{at}:{self.port}"
+        self.port, self.token = self.listener.getsockname()[1], token_of(self.listener)
+        self.url = f"socket://{f'{self.token}@' if self.token else ''}{place_in_url(host, self.port)}"
 
     def sources(self) -> list[int]:
         """Return the sockets on which something may happen."""
@@ -291,7 +299,7 @@ class Door:
             self._waiting[caller] = b"", time.monotonic()
         expected = f"{self.token}\n".encode()
         for caller, (begin, since_s) in list(self._waiting.items()):
-            is_late = time.monotonic() - since_s > _TOKEN_S or len(self._waiting) > _MOST_WAITING
+            is_late = time.monotonic() - since_s > TOKEN_S or len(self._waiting) > MOST_WAITING
             with contextlib.suppress(BlockingIOError):
                 data = caller.recv(len(expected) - len(begin))
                 self._waiting[caller] = begin + data, since_s

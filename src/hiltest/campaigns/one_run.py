@@ -6,6 +6,7 @@ import gc
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -19,6 +20,9 @@ from hiltest.session.record_folder import folder_beside_complete, folder_remark
 from hiltest.session.selection import Choice, only_looks
 from hiltest.session.settings import RUN_COMMAND
 
+if TYPE_CHECKING:
+    from hiltest.session.bench_page import BenchPage
+
 _JUNIT_FILE = "junit.xml"
 
 
@@ -31,15 +35,21 @@ class RunCommand:
         Older firmware, which runs first on the same bench as the base.
     flashes
         True if the firmware is flashed first.
+    page_host
+        Address for the page of an operator; None for no page.
     """
 
     __name__ = RUN_COMMAND
 
-    def __init__(self, older: OlderFirmware | None = None, *, flashes: bool = False) -> None:
+    def __init__(
+        self, older: OlderFirmware | None = None, *, flashes: bool = False, page_host: str | None = None
+    ) -> None:
         self.run: Run | None = None
         self.folder = Path()
         self._older = older
         self._flashes = flashes
+        self._page_host = page_host
+        self._page: BenchPage | None = None
         self._remarks: list[str] = []
 
     # This hook is the first, before any plugin reads its output folder.
@@ -60,7 +70,7 @@ class RunCommand:
         self._remarks = [folder_remark(out, folder)]
 
     def pytest_report_collectionfinish(self) -> list[str]:
-        """Return remarks on the folder of chosen tests, and on flashed firmware."""
+        """Return remarks on the folder of chosen tests, the page, and flashed firmware."""
         return self._remarks
 
     @pytest.hookimpl(tryfirst=True)
@@ -88,6 +98,14 @@ class RunCommand:
             hil.gate.compare_with(self._older)
         if only_looks(config):
             return
+        if self._page_host is not None:
+            from hiltest.session.bench_page import BenchPage
+
+            try:
+                hil.page = self._page = BenchPage(self._page_host)
+            except ConfigError as error:
+                raise pytest.UsageError(str(error)) from error
+            self._remarks.append(f"page: {self._page.url}")
         if self._flashes:
             from hiltest.session.flashed_board import open_flashed
 
@@ -96,8 +114,15 @@ class RunCommand:
             hil.open(with_board=True)
 
     def pytest_hil_finished(self, run: Run) -> None:
-        """Store the finished record."""
+        """Store the finished record, and show its verdict."""
         self.run = run
+        if self._page is not None:
+            self._page.end(run.verdict.outcome, run.verdict.sentence)
+
+    def pytest_unconfigure(self) -> None:
+        """Stop serving the page."""
+        if self._page is not None:
+            self._page.close()
 
 
 class _CollectionFreezer:
@@ -119,7 +144,12 @@ class _CollectionFreezer:
 
 
 def run_suites(
-    options: Sequence[str], out: Path, *, older: OlderFirmware | None = None, flashes: bool = False
+    options: Sequence[str],
+    out: Path,
+    *,
+    older: OlderFirmware | None = None,
+    flashes: bool = False,
+    page_host: str | None = None,
 ) -> tuple[int, Path | None]:
     """Run pytest on the suites.
 
@@ -131,15 +161,15 @@ def run_suites(
         Folder of the record.
     older
         Older firmware, the base of the run.
-    flashes
-        True if the firmware is flashed first.
+    flashes, page_host
+        See `RunCommand`.
 
     Returns
     -------
     int, Path or None
         Exit code, and the file with the record; None if no record was finished.
     """
-    command = RunCommand(older, flashes=flashes)
+    command = RunCommand(older, flashes=flashes, page_host=page_host)
     folder = Path.cwd()
     # Otherwise pytest warns that it came too late to rewrite the assertions of the package that started it.
     no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"

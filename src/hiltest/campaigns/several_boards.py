@@ -3,41 +3,51 @@
 from __future__ import annotations
 
 import re
+import statistics
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
 
 from hiltest.errors import ConfigError
-from hiltest.measurement import Measurement, identify, round_significant
+from hiltest.measurement import KINDS, Measurement, identify, round_significant
 from hiltest.path_names import path_in
-from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, print_boards
+from hiltest.report.boards_page import Apart, BoardLine, boards_html, boards_markdown, boards_table, print_boards
 from hiltest.report.console import standard_output
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import rig_file
 from hiltest.rig.rig_file import load_rig
 from hiltest.run_record.exit_codes import WORDS, ExitCode
-from hiltest.run_record.files import BOARDS_FILE, BOARDS_MARKDOWN, BOARDS_PAGE, write_atomically, write_document
+from hiltest.run_record.files import (
+    BOARDS_FILE,
+    BOARDS_MARKDOWN,
+    BOARDS_PAGE,
+    BOARDS_TABLE,
+    RUN_FILE,
+    write_atomically,
+    write_document,
+)
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run, Verdict
 from hiltest.session.older_firmware import last_words, run_command
 from hiltest.session.settings import make_folder
 from hiltest.studies.jobs import compute_pieces
-from hiltest.text import join_words
+from hiltest.text import format_with_unit, join_words
 
 SCHEMA = "hiltest.boards/1"
 
 _KEPT = "the records of finished boards are kept"
 _NAMED_AT_MOST = 4
+_WORST = KINDS["heading.{calibrator}.max"]
 _NO_FOLDER = re.compile(r"[^A-Za-z0-9._-]")
 
 
 @dataclass(frozen=True, slots=True)
 class Boards:
-    """``boards.json``: several boards that ran at once."""
+    """``boards.json``: several boards that ran at once, or one after the other with ``--serial``."""
 
     exit_code: int
     """Exit code that takes precedence among those of the boards."""
@@ -82,7 +92,12 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
         path_in(out, rig.name, remedy=f"give {rig.path} another name")
     _check_apart(benches)
     files = {name: str(rig.path) for name, rig in benches.items()}
-    for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN):  # an earlier verdict must not pass for this one's
+    for name in (
+        BOARDS_FILE,
+        BOARDS_PAGE,
+        BOARDS_MARKDOWN,
+        BOARDS_TABLE,
+    ):  # an earlier verdict must not pass for this one's
         (out / name).unlink(missing_ok=True)
     make_folder(out)
     arguments = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())
@@ -94,21 +109,56 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
         name = [*files][number]
         ended[name] = line, _ = _board_result(name, code, last_line, out / name)
         click.echo(f"{name}: {line.sentence}")
-    boards = [ended[name][0] for name in files]
-    apart = apart_of({name: ended[name][1] for name in files})
-    verdict = verdict_of(boards)
-    document = Boards(verdict.exit_code, verdict.sentence, boards, apart)
-    write_document(out / BOARDS_FILE, document, SCHEMA)
-    write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
-    page = boards_markdown(verdict, boards, apart)
-    write_atomically(out / BOARDS_MARKDOWN, page)
-    print_boards(standard_output(), [board.name for board in boards], apart)
+    verdict, apart = _write_boards({name: ended[name] for name in files}, out)
+    print_boards(standard_output(), [*files], apart)
     click.echo(f"Report: {out / BOARDS_PAGE}, and a report in each board's folder")
-    if remark := append_to_job_summary(page, out / BOARDS_MARKDOWN):
+    if remark := append_to_job_summary((out / BOARDS_MARKDOWN).read_text(encoding="utf-8"), out / BOARDS_MARKDOWN):
         click.echo(remark)
     click.echo(annotation(verdict), nl=False)
     click.echo(verdict.sentence)
     return verdict.exit_code
+
+
+def add_to_batch(out: Path, serial: str) -> str:
+    """Write the page and the tables over all boards of a folder; return the label of one of them.
+
+    Parameters
+    ----------
+    out
+        Folder with the record of each board in a folder that has the name of its serial number.
+    serial
+        Board whose record is there.
+
+    Returns
+    -------
+    str
+        One line for a label printer: serial number, verdict, date, worst heading and firmware.
+    """
+    folders = sorted(path.parent for path in out.glob(f"*/{RUN_FILE}"))
+    runs = {folder.name: read_record(folder).run for folder in folders}
+    _write_boards({name: (_line(name, name, run), run.measurements) for name, run in runs.items()}, out)
+    run = runs[serial]
+    errors = {
+        float(measured.value): f"{measured.name} {format_with_unit(measured.value, measured.unit)}"
+        for measured in run.measurements
+        if measured.kind is _WORST and measured.limit and measured.value is not None
+    }
+    heading = errors[max(errors)] if errors else "no heading"
+    return f"{serial} | {run.verdict.outcome.upper()} | {run.started_utc[:10]} | {heading} | {_firmware(run)}"
+
+
+def _write_boards(
+    results: Mapping[str, tuple[BoardLine, Sequence[Measurement]]], out: Path
+) -> tuple[Verdict, Sequence[Apart]]:
+    boards = [line for line, _ in results.values()]
+    apart = apart_of({name: measurements for name, (_, measurements) in results.items()})
+    verdict = verdict_of(boards)
+    document = Boards(verdict.exit_code, verdict.sentence, boards, apart)
+    write_document(out / BOARDS_FILE, document, SCHEMA)
+    write_atomically(out / BOARDS_PAGE, boards_html(verdict, boards, apart))
+    write_atomically(out / BOARDS_MARKDOWN, boards_markdown(verdict, boards, apart))
+    write_atomically(out / BOARDS_TABLE, boards_table(boards, apart))
+    return verdict, apart
 
 
 def _check_apart(benches: Mapping[str, Rig]) -> None:
@@ -144,7 +194,11 @@ def _board_result(name: str, code: int, last_line: str, folder: Path) -> tuple[B
     if run is None:
         code = code or ExitCode.NOT_EVALUATED  # tests were only collected, for example: nothing shows that it passed
         return BoardLine(name, folder.name, code, last_line), ()
-    return BoardLine(name, folder.name, code, run.verdict.sentence, _firmware(run)), run.measurements
+    return replace(_line(name, folder.name, run), exit_code=code), run.measurements
+
+
+def _line(name: str, folder: str, run: Run) -> BoardLine:
+    return BoardLine(name, folder, run.verdict.exit_code, run.verdict.sentence, _firmware(run))
 
 
 def _firmware(run: Run) -> str:
@@ -170,11 +224,23 @@ def _row(name: str, by_board: dict[str, Measurement]) -> Apart:
     numbers = [value for value in values.values() if value is not None]
     kind = identify(name).kind
     comparable = len({(measurement.unit, measurement.cycle_model) for measurement in by_board.values()}) == 1
+    unit = next(iter(by_board.values())).unit
     if len(numbers) < 2 or not comparable or (kind is not None and kind.direction):
-        spread = None
-    else:
-        spread = round_significant(max(numbers) - min(numbers))
-    return Apart(name, next(iter(by_board.values())).unit, values, outcomes, spread)
+        return Apart(name, unit, values, outcomes, None)
+    mean, deviation = statistics.mean(numbers), statistics.stdev(numbers)
+    limits = {measurement.limit for measurement in by_board.values()}
+    limit = limits.pop() if len(limits) == 1 else None
+    rooms = (
+        []
+        if limit is None or not deviation
+        else [
+            *([] if limit.max is None else [limit.max - mean]),
+            *([] if limit.min is None else [mean - limit.min]),
+        ]
+    )
+    cpk = round_significant(min(rooms) / (3.0 * deviation)) if rooms else None
+    spread = round_significant(max(numbers) - min(numbers))
+    return Apart(name, unit, values, outcomes, spread, round_significant(mean), round_significant(deviation), cpk)
 
 
 def verdict_of(boards: Sequence[BoardLine]) -> Verdict:

@@ -41,6 +41,7 @@ _OLD_COMMANDS = {
     "trend": "report trend",
     "worst": "profile worst",
 }
+_SHORT_COMMANDS = {"bench": ["run", "--page"]}
 _OLD_OPTIONS = {"--hil-port": "--port", "--for": "--seconds", "--pty": ""}
 """New spelling of each option that had another one; empty for an option that is no longer needed."""
 
@@ -95,6 +96,7 @@ def _replace_old_spellings(words: list[str]) -> list[str]:
         if " ".join(arguments[: len(old.split())]) == old:
             click.echo(f"hint: hiltest {old} is now hiltest {new}", err=True)
             arguments[: len(old.split())] = new.split()
+    arguments[:1] = _SHORT_COMMANDS.get(arguments[0], arguments[:1]) if arguments else []
     renamed = []
     for word in arguments:
         option, equals, value = word.partition("=")

@@ -24,7 +24,8 @@ from hiltest.commands.options import (
     setting_option,
 )
 from hiltest.errors import ConfigError
-from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name
+from hiltest.rig.bench_files import REAL_RIG
+from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name, serial_number
 
 
 class _Run(click.Command):
@@ -72,7 +73,24 @@ class _Run(click.Command):
     callback=parsed(file_name),
     help="Run this older firmware first, and fail if the firmware is worse.",
 )
+@click.option(
+    "--serial",
+    metavar="S",
+    callback=parsed(serial_number),
+    help="Record this board of a batch in the folder S of --out, and write page and tables over all boards there.",
+)
 @click.option("--flash", is_flag=True, help="Flash the firmware onto the board first, as hiltest flash does.")
+@click.option(
+    "--page",
+    is_flag=True,
+    help="Show the operator's questions also on a page, with the board as it lies. hiltest bench is short for it.",
+)
+@click.option(
+    "--host",
+    metavar="ADDRESS",
+    help="Serve the page on this address. Unless it is a loopback address, the printed URL contains a secret.  "
+    "[default: 127.0.0.1]",
+)
 @setting_option("coverage")
 @setting_option("record")
 @setting_option("replay")
@@ -85,6 +103,8 @@ def run(*, as_json: bool, **arguments: Any) -> int:
     The suites are those in hil/suites of this folder, or the packaged ones if there are none. ELF is the same as
     --firmware ELF. Arguments after -- go to pytest: hiltest run -- -k heading
     """
+    if as_json and (arguments["page"] or arguments["host"]):
+        raise ConfigError("--json hides the address of the page: leave one of --json and --page out")
     if not as_json:
         return _run(**arguments)[0]
     from hiltest.run_record.exit_codes import ExitCode
@@ -109,6 +129,9 @@ def _run(
     jobs: int | str | None,
     against: str | None,
     flash: bool,
+    serial: str | None,
+    page: bool,
+    host: str | None,
     verbose: bool,
     pytest_args: Sequence[str],
     **arguments: Any,
@@ -127,6 +150,11 @@ def _run(
     if pytest_args and Path(pytest_args[0]).is_file():
         _refuse_other_files(Path(pytest_args[0]))
     arguments["rig"] = rigs[0] if len(rigs) == 1 else None
+    page_host = host or ("127.0.0.1" if page else None)
+    if page_host and not (rigs or arguments["port"] or os.environ.get("HIL_RIG")):
+        arguments["rig"] = REAL_RIG
+    if serial is not None:
+        arguments["label"] = arguments["label"] or serial
     own = {name: arguments.pop(name) for name in ("baseline", "coverage", "record", "replay")}
     base = own["baseline"] or base_of_environment()
     options = [*pytest_options(arguments), *_verbosity(pytest_args, verbose=verbose), *pytest_args]
@@ -150,6 +178,8 @@ def _run(
             "port": arguments["port"],
             "coverage": own["coverage"],
             "calibration": arguments["calibration"],
+            "page": page_host,
+            "serial": serial,
             "record": own["record"],
             "replay": own["replay"],
         }
@@ -163,6 +193,8 @@ def _run(
     if seeds is not None:
         if arguments["seed"] is not None or arguments["port"]:
             raise ConfigError("--seeds runs many simulated worlds: leave out --seed and --port")
+        if page_host or serial:
+            raise ConfigError("--page and --serial are for the run of one board: leave them out")
         from hiltest.campaigns.campaign import run_seeds
 
         if against is not None:
@@ -180,7 +212,13 @@ def _run(
             )
         return code, out / SEEDS_FILE
     older = None if against is None else OlderFirmware(against, tuple(options), out / OLDER_FOLDER)
-    return run_suites([*options, *pytest_options(own)], out, older=older, flashes=flash)
+    folder = out / serial if serial else out
+    ended = run_suites([*options, *pytest_options(own)], folder, older=older, flashes=flash, page_host=page_host)
+    if serial and ended[1] is not None and ended[1].parent.name == serial:
+        from hiltest.campaigns.several_boards import add_to_batch
+
+        click.echo(f"Label: {add_to_batch(out, serial)}")
+    return ended
 
 
 def _is_firmware(argument: str) -> bool:

@@ -19,6 +19,34 @@ _DIRECTIONS = sphere_directions(5000)
 _RADIUS_WITHIN = 2.0
 
 
+def directions_of(points: ArrayLike, *, field_ut: float) -> NDArray[np.float64] | None:
+    """Return the directions of points as seen from the centre of the sphere that fits them best.
+
+    Parameters
+    ----------
+    points : shape (n, 3)
+        Magnetometer counts.
+    field_ut
+        Strength of the local field, within a factor of two.
+
+    Returns
+    -------
+    ndarray, shape (n, 3), or None
+        Unit vectors along the board's axes; None while the points do not determine the centre of the sphere.
+    """
+    counts = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    sphere = fit_sphere(counts, FitStatus.NOT_AN_ELLIPSOID)
+    if not sphere.has_fit:
+        return None
+    radius_ut = MICROTESLA_PER_COUNT / float(sphere.soft_iron[0, 0])
+    if not field_ut / _RADIUS_WITHIN < radius_ut < field_ut * _RADIUS_WITHIN:
+        return None
+    corrected = sphere.corrected(counts)
+    norms = np.linalg.norm(corrected, axis=1, keepdims=True)
+    directions: NDArray[np.float64] = np.divide(corrected, norms, out=np.zeros_like(corrected), where=norms > 0.0)
+    return directions
+
+
 def largest_uncovered_cap(points: ArrayLike, *, field_ut: float) -> tuple[float, NDArray[np.float64] | None]:
     """Return radius [deg] and direction of the largest cap of the sphere that holds no point.
 
@@ -45,16 +73,9 @@ def largest_uncovered_cap(points: ArrayLike, *, field_ut: float) -> tuple[float,
     depend on cells whose size would have to suit the number of points (100 random points fill 63 of 100 equal cells).
     Random points over the whole sphere leave 30 degrees at n = 100, 18 at 300; evenly spread ones 16 and 9.
     """
-    counts = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    sphere = fit_sphere(counts, FitStatus.NOT_AN_ELLIPSOID)
-    if not sphere.has_fit:
+    directions = directions_of(points, field_ut=field_ut)
+    if directions is None:
         return 180.0, None
-    radius_ut = MICROTESLA_PER_COUNT / float(sphere.soft_iron[0, 0])
-    if not field_ut / _RADIUS_WITHIN < radius_ut < field_ut * _RADIUS_WITHIN:
-        return 180.0, None
-    corrected = sphere.corrected(counts)
-    norms = np.linalg.norm(corrected, axis=1, keepdims=True)
-    directions: NDArray[np.float64] = np.divide(corrected, norms, out=np.zeros_like(corrected), where=norms > 0.0)
     nearest = (_DIRECTIONS @ directions.T).max(axis=1)
     radius_deg = math.degrees(math.acos(max(-1.0, min(1.0, float(nearest.min())))))
     return radius_deg, _DIRECTIONS[int(nearest.argmin())]

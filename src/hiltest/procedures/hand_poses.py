@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import chain, pairwise
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from hiltest.calibration.accelerometer import MOVED_SPREAD_MG
 from hiltest.errors import OperatorAbsentError, TurntableError
 from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_180
+from hiltest.procedures.followed_turn import FollowedTurn
 from hiltest.procedures.hand_checks import LEAST_TURN_DEG, setting_errors_deg, turn_fault
+from hiltest.procedures.questions import Glance, Live, Question
 from hiltest.procedures.turntables import AXES_IN_WORDS, QUESTIONS, Achieved, OperatorTurntable, heading_of
 from hiltest.text import format_count, join_words
 
@@ -30,6 +32,7 @@ _ACCELEROMETER_NOISE_MG = 1.3
 _NAMED_AT_MOST = 3
 BEGINS_ANEW = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 """Note before the first question about firmware that does not identify its build or its calibration."""
+_KEEPS = "type k if it was turned"
 _ORDERS = (
     f"{AXES_IN_WORDS} Pitch + lifts the nose, roll + lowers the right side.\n"
     "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
@@ -51,24 +54,6 @@ def wish_of(answer: str) -> Wish | None:
     """Return the wish that an answer names, by its word or first letter; None for other answers."""
     word = answer.strip().lower()
     return next((wish for wish in Wish if word in (wish.value, wish.value[0])), None)
-
-
-class Question(str):
-    """A question, with a live text beside it until the answer.
-
-    Attributes
-    ----------
-    live : callable
-        Returns the live text; it may query the board, and is not called without a terminal.
-    """
-
-    live: Callable[[], str]
-
-    def __new__(cls, text: str, live: Callable[[], str]) -> Question:
-        """Create a text with `live`."""
-        question = super().__new__(cls, text)
-        question.live = live
-        return question
 
 
 class PoseWalk:
@@ -134,20 +119,6 @@ class PoseWalk:
         return next(chain(self.offered, new), None)
 
 
-class Glance(NamedTuple):
-    """The board's heading while a question waits."""
-
-    heading_deg: float | None
-    """Heading from magnetic north; empty if the board has no heading."""
-    moves: bool
-    """True if the board moves."""
-
-    def __str__(self) -> str:
-        """Return the text beside the question."""
-        heading = "no heading" if self.heading_deg is None else f"board {self.heading_deg:.1f} deg"
-        return f"{heading}, {'moving' if self.moves else 'still'}"
-
-
 Taken = TypeVar("Taken")
 Reading = TypeVar("Reading", covariant=True)
 
@@ -163,11 +134,14 @@ class PoseReader(Protocol[Reading]):
         True if the board may be read while a question waits.
     has_known_scale : bool
         True if the size of the raw field is the sensor's, not the firmware's word.
+    turn : FollowedTurn
+        Turn by the gyroscope, which `read_when_still` and `glance` follow.
     """
 
     can_go_on: bool
     may_glance: bool
     has_known_scale: bool
+    turn: FollowedTurn
 
     def field_at(self, achieved: Achieved) -> Reals:
         """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
@@ -221,6 +195,7 @@ def walk_by_hand(
     take: Callable[[int, float | None], str],
     check: Callable[[], Mapping[int, str]],
     look: Callable[[], Glance] | None,
+    asked_deg: Callable[[float], float | None],
     now_s: Callable[[], float],
     say: str,
     stopped: str,
@@ -236,6 +211,8 @@ def walk_by_hand(
         Returns the captured poses that stick out, each with a description. Each is requested once more.
     look
         Returns the board's heading while a question waits; None for questions without one.
+    asked_deg
+        Returns the turn from the last known angle to a heading.
     now_s
         The board's clock.
     say
@@ -263,7 +240,20 @@ def walk_by_hand(
             message += "".join(f"pose {index + 1} sticks out: {reason}.\n" for index, reason in again.items())
         at = walk.at
         text = message + (_ask_at_end(walk) if at is None else question_of(at, poses[at], is_taken=at in walk.offered))
-        answer = table.ask(text if look is None else Question(text, lambda: f"{look()}; {pace()}"))
+        answer = table.ask(
+            Question(
+                text,
+                look and (lambda: _live(look(), pace())),
+                pose=None if at is None else poses[at],
+                asked_deg=None if at is None else asked_deg(poses[at].heading_deg),
+                wishes=[
+                    wish.value
+                    for wish in Wish
+                    if (wish is not Wish.SKIP or at is not None) and (wish is not Wish.KEEP or _KEEPS in message)
+                ],
+                takes_heading=at is not None,
+            )
+        )
         wish, message = wish_of(answer), ""
         if wish is Wish.STOP:
             raise KeyboardInterrupt(
@@ -292,6 +282,10 @@ def walk_by_hand(
         nonsense = 0
     if not walk.taken:
         raise TurntableError("every known angle was skipped: there is no heading to judge")
+
+
+def _live(glance: Glance, pace: str) -> Live:
+    return Live(f"{glance}; {pace}", glance)
 
 
 class _HandReadings(Generic[Taken]):
@@ -329,12 +323,13 @@ class _HandReadings(Generic[Taken]):
             self._doubted, self._doubts = (at, place), self._doubts + 1
             if self._doubts == QUESTIONS:
                 raise OperatorAbsentError(f"{QUESTIONS} times in a row {fault}: is an operator there?")
-            return f"{fault}. Turn the board and press Enter, or type k if it was turned: then its sensor is wrong.\n"
+            return f"{fault}. Turn the board and press Enter, or {_KEEPS}: then its sensor is wrong.\n"
         self._doubts = 0
         self.readings[at] = place
         self.walk.decision = self._decide(self.readings)
         if self._stored is not None:
             self._stored.keep(at, place)
+        self._reader.turn.begin()
         return ""
 
     def _is_unturned(self, last: tuple[Achieved, Taken], place: tuple[Achieved, Taken]) -> bool:
@@ -352,11 +347,28 @@ class _HandReadings(Generic[Taken]):
             return f"you did not turn: field and gravity are those of pose {last + 1}, {place_of(self._poses[last])}"
         read = reader.read_ut(at_last), reader.read_ut(reading)
         turned_deg = wrap_180(after.heading_deg - before.heading_deg)
-        same_tilt = (before.pitch_deg, before.roll_deg) == (after.pitch_deg, after.roll_deg)
-        if read[0] is None or read[1] is None or not same_tilt or abs(turned_deg) < LEAST_TURN_DEG:
+        if (before.pitch_deg, before.roll_deg) != (after.pitch_deg, after.roll_deg):
             return ""
-        known_fields = reader.field_at(before), reader.field_at(after)
-        return turn_fault(known_fields, (read[0], read[1]), turned_deg) if reader.has_known_scale else ""
+        fault = ""
+        if read[0] is not None and read[1] is not None and reader.has_known_scale and abs(turned_deg) >= LEAST_TURN_DEG:
+            known_fields = reader.field_at(before), reader.field_at(after)
+            fault = turn_fault(known_fields, (read[0], read[1]), turned_deg)
+        if reader.turn.contradicts(_pose(before), turned_deg):
+            scale = fault or f"the scale says that the board turned by {turned_deg:+.0f} deg"
+            return f"{scale}, its gyroscope {round(reader.turn.turned_deg(_pose(before)) or 0.0):+d}"
+        return fault
+
+    def glance(self) -> Glance:
+        """Return the board as its sensors show it, with its turn since the last known angle."""
+        glance = self._reader.glance()
+        if not self.walk.taken:
+            return glance
+        return glance._replace(turned_deg=self._reader.turn.turned_deg(_pose(self.readings[self.walk.taken[-1]][0])))
+
+    def asked_deg(self, heading_deg: float) -> float | None:
+        """Return the turn from the last known angle to a heading; None without one."""
+        taken = self.walk.taken
+        return wrap_180(heading_deg - self.readings[taken[-1]][0].heading_deg) if taken else None
 
     def unset(self) -> dict[int, str]:
         """Return the poses at which the board was not set as the operator says, each with a description."""
@@ -413,7 +425,8 @@ def take_by_hand(
         hand.walk,
         take=hand.take,
         check=lambda: {} if hand.trusts else hand.unset(),
-        look=reader.glance if reader.may_glance else None,
+        look=hand.glance if reader.may_glance and table.may_look else None,
+        asked_deg=hand.asked_deg,
         now_s=reader.now_s,
         say=BEGINS_ANEW if not reader.can_go_on else stored.message if stored is not None else "",
         stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",

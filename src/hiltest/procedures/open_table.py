@@ -6,12 +6,20 @@ from collections.abc import Callable
 
 from hiltest.boards.board import Board
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
-from hiltest.procedures.turntables import Turntable, open_turntable
+from hiltest.procedures.requested_headings import RequestReader
+from hiltest.procedures.turntables import ShowPoints, Turntable, ignore_points, open_turntable
 from hiltest.rig import Rig
 from hiltest.tape.tape import LIVE, Tape
 
 
-def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = None, tape: Tape = LIVE) -> Turntable:
+def open_table(
+    board: Board,
+    rig: Rig,
+    *,
+    prompt: Callable[[str], str] | None = None,
+    tape: Tape = LIVE,
+    show_points: ShowPoints = ignore_points,
+) -> Turntable:
     """Return the turntable: motors, the simulated table of a virtual board, or an operator.
 
     Parameters
@@ -20,6 +28,8 @@ def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = 
         Shows a text to the operator and returns the line that was typed, as `input` does.
     tape
         Records the questions to motors and operator, or answers them from a recording.
+    show_points
+        See `OperatorTurntable`.
 
     Raises
     ------
@@ -40,6 +50,13 @@ def open_table(board: Board, rig: Rig, *, prompt: Callable[[str], str] | None = 
         answer: str = tape.ask("operator", {"text": text}, str, lambda: prompt(text))
         return answer
 
+    reader = RequestReader(board, {}, 1, 0.0) if board.answers_requests else None
     return open_turntable(
-        board, uncertainty_deg=rig.turntable.uncertainty_deg, prompt=prompt and asked, tumble_s=rig.turntable.tumble_s
+        board,
+        uncertainty_deg=rig.turntable.uncertainty_deg,
+        prompt=prompt and asked,
+        tumble_s=rig.turntable.tumble_s,
+        look=reader.glance if reader and tape is LIVE else None,
+        may_look=tape is LIVE,
+        show_points=show_points,
     )

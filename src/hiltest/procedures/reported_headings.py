@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
@@ -25,10 +24,12 @@ from hiltest.orientation.angles import (
 )
 from hiltest.procedures.conventions import other_frame, other_tilt, standing_still
 from hiltest.procedures.coverage import sphere_coverage
-from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, Readings, moved
+from hiltest.procedures.followed_turn import FollowedTurn
+from hiltest.procedures.hand_poses import STILL_WITHIN_S, Readings, moved
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
 from hiltest.procedures.progress import Progress, silent
+from hiltest.procedures.questions import Glance, attitude_by
 from hiltest.procedures.reported_samples import (
     FEWEST_LINES,
     Lines,
@@ -310,6 +311,7 @@ class ReportReader:
         self._frame = frame_of(board.output.rig)
         self._before: Sequence[Observation] = ()
         self.may_glance = board.output.may_be_overheard
+        self.turn = FollowedTurn()
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
@@ -340,13 +342,16 @@ class ReportReader:
         """
         window_s, ends_s = self._output.device.window_s, self.now_s() + STILL_WITHIN_S
         before = self._output.observe(window_s)
+        self.turn.add(*self._rates(before))
         while True:
             after = self._output.observe(window_s)
+            self.turn.add(*self._rates(after))
             motion = self._movement(before, after)
             if not motion:
                 settled = self.read(pose)
                 motion = self._movement(after, settled.window)
                 if not motion:
+                    self.turn.stand(*self._rates(settled.window))
                     return settled, ""
                 after = list(settled.window)
             if self.now_s() > ends_s:
@@ -356,13 +361,25 @@ class ReportReader:
     def glance(self) -> Glance:
         """Return the board's heading now, and whether it moves: by its vectors, or else by its heading."""
         before, self._before = self._before, self._output.observe(_GLANCE_S)
+        self.turn.add(*self._rates(self._before))
         pair = self._headings(before), self._headings(self._before)
-        mean_deg = circular_mean_deg(pair[1]) if pair[1] else math.nan
+        heading_deg = circular_mean_deg(pair[1]) if pair[1] else None
         if min(_stillness(observations).n for observations in (before, self._before)):
             moves = bool(self._movement(before, self._before))
         else:
-            moves = not all(pair) or abs(wrap_180(mean_deg - circular_mean_deg(pair[0]))) > _TURNED_DEG
-        return Glance(mean_deg if pair[1] else None, moves)
+            moves = not all(pair)
+            moves = moves or abs(wrap_180(circular_mean_deg(pair[1]) - circular_mean_deg(pair[0]))) > _TURNED_DEG
+        gravity = _vectors(self._before, _GRAVITY)
+        attitude = gravity is not None and attitude_by(self._frame.gravity(gravity.mean(axis=0)), heading_deg)
+        return Glance(heading_deg, moves, attitude or None)
+
+    def _rates(self, observations: Sequence[Observation]) -> tuple[Reals, Reals]:
+        """Return times [s] and rates [deg/s] of the gyroscope, in hiltest's axes; empty if it is not reported."""
+        quantity = Quantity.GYROSCOPE
+        rows = [
+            (row.time_s, self._frame.vector(row.values[quantity])) for row in observations if quantity in row.values
+        ]
+        return np.array([time_s for time_s, _ in rows]), np.array([rate for _, rate in rows]).reshape(-1, 3)
 
     def _movement(self, before: Sequence[Observation], after: Sequence[Observation]) -> str:
         """Describe how the board moved between two windows; empty if it stood, or the firmware reports no vectors.

@@ -10,12 +10,15 @@ import numpy as np
 
 from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import NOMINAL, AccelerometerFit
-from hiltest.errors import LIKELY_CAUSE, DeviceError, FirmwareContradictionError
+from hiltest.errors import LIKELY_CAUSE, DeviceError, FirmwareContradictionError, SensorAbsentError
 from hiltest.link.accelerometer import GetAccelerometer
+from hiltest.link.gyroscope import LogGyroscope
 from hiltest.link.messages import Average, GetCalibration
 from hiltest.link.replies import (
+    DPS_PER_COUNT,
     G_PER_COUNT,
     MICROTESLA_PER_COUNT,
+    SAMPLE_RATE_HZ,
     AverageReply,
     CalibrationReply,
     SensorKind,
@@ -24,12 +27,14 @@ from hiltest.link.replies import (
 from hiltest.orientation import DegenerateFieldError, tilt_heading
 from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180
 from hiltest.orientation.heading_models import Poses, Stage, fit_causes
-from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
+from hiltest.procedures.calibrate import UNCALIBRATED
 from hiltest.procedures.fewest_poses import FewestPoses
-from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, StoredPoses, moved, place_of
+from hiltest.procedures.followed_turn import FollowedTurn
+from hiltest.procedures.hand_poses import STILL_WITHIN_S, PoseJournal, Readings, StoredPoses, moved, place_of
 from hiltest.procedures.heading_statistics import rms
 from hiltest.procedures.known_angles import KnownAngles, Reals, TakenAngles, attitude_of, take_known_angles
 from hiltest.procedures.progress import Progress
+from hiltest.procedures.questions import Glance, attitude_by
 from hiltest.procedures.turntables import Achieved, Turntable
 
 LARGEST_ROUNDING_DEG = 0.002
@@ -95,8 +100,11 @@ class RequestReader:
     def __init__(self, board: Board, slots: Mapping[str, int], readings: int, mounting_yaw_deg: float) -> None:
         self._board, self._slots, self._readings, self._yaw_deg = board, slots, readings, mounting_yaw_deg
         self._mask = sum(1 << slot for slot in slots.values())
-        self._shown = next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT)
+        calibrated = (slot for name, slot in slots.items() if name != UNCALIBRATED)
+        self._shown = next(calibrated, next(iter(slots.values()), None))
         self._before: AverageReply | None = None
+        self.turn = FollowedTurn()
+        self._follows = True
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
@@ -132,10 +140,14 @@ class RequestReader:
         ends_s = board.now_s() + STILL_WITHIN_S
         before = board.session.request(Average(self._readings, self._mask))
         while True:
-            board.sleep(_APART_S)
+            times_s, rates_dps = self._rates(math.ceil(_APART_S * SAMPLE_RATE_HZ))
+            self.turn.add(times_s, rates_dps)
+            if not len(times_s):
+                board.sleep(_APART_S)
             reply = board.session.request(Average(self._readings, self._mask))
             motion = movement(before, reply, board.declared.magnetometer_sigma_ut)
             if not motion:
+                self.turn.stand(times_s, rates_dps)
                 self._check(pose, reply)
                 return reply, ""
             if board.now_s() > ends_s:
@@ -143,12 +155,43 @@ class RequestReader:
             before = reply
 
     def glance(self) -> Glance:
-        """Return the board's heading now, under the first calibration, and whether it moves."""
-        reply = self._board.session.request(Average(_LIVE_READINGS, 1 << self._shown))
-        moves = self._before is None or movement(self._before, reply, self._board.declared.magnetometer_sigma_ut)
+        """Return the board now: its heading under the first calibration, its attitude, and whether it moves."""
+        self.turn.add(*self._rates())
+        reply = self._board.session.request(Average(_LIVE_READINGS, 0 if self._shown is None else 1 << self._shown))
+        self.turn.add(*self._rates())
+        sigma_ut = self._board.declared.magnetometer_sigma_ut
+        moves = self._before is None or movement(self._before, reply, sigma_ut)
         self._before = reply
-        attitude = reply.headings[self._shown].attitude
-        return Glance(attitude.heading_deg if attitude else None, bool(moves))
+        attitude = None if self._shown is None else reply.headings[self._shown].attitude
+        noise = [
+            f"{unit * float(sensor.spread.max()):.1f} {name}"
+            for sensor, unit, name in (
+                (reply.magnetometer, MICROTESLA_PER_COUNT, "uT"),
+                (reply.accelerometer, 1000.0 * G_PER_COUNT, "mg"),
+            )
+            if sensor.spread is not None
+        ]
+        return Glance(
+            attitude.heading_deg if attitude else None,
+            bool(moves),
+            attitude or attitude_by(reply.accelerometer.mean.tolist(), None),
+            ", ".join(noise),
+        )
+
+    def _rates(self, samples: int = 0) -> tuple[Reals, Reals]:
+        """Return times [s] and rates [deg/s] of the gyroscope's next samples, by default of all that wait.
+
+        They are empty without a gyroscope.
+        """
+        if self._follows:
+            try:
+                self._board.sensor(SensorKind.GYROSCOPE)
+                reply = self._board.session.request(LogGyroscope(samples, go_on=True))
+                ages_s = np.arange(len(reply.samples))[::-1] / SAMPLE_RATE_HZ
+                return reply.span.last_s - ages_s, np.array(DPS_PER_COUNT * reply.samples, dtype=np.float64)
+            except (DeviceError, SensorAbsentError):
+                self._follows = False  # the turn is a help for the operator, and no result
+        return np.empty(0), np.empty((0, 3))
 
     def stored_poses(self, journal: PoseJournal) -> StoredPoses[AverageReply]:
         """Return the poses of a journal that were captured under the present calibrations, with all their headings."""

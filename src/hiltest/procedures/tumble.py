@@ -17,7 +17,7 @@ from hiltest.link.replies import SensorKind
 from hiltest.procedures.coverage import hole_in_words, sphere_coverage
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.turntables import Turntable
+from hiltest.procedures.turntables import OperatorTurntable, ShowPoints, Turntable, ignore_points
 from hiltest.rig import Rig
 
 Counts = NDArray[np.int16]
@@ -157,7 +157,8 @@ def _one_tumble(
     fastest_s = _MARGIN * points / _RATE_HZ
     takes_s = turntable.tumble(fastest_s)
     slow = takes_s > fastest_s
-    collected = _Collected(board, points, progress)
+    show = [turntable.show_points] if isinstance(turntable, OperatorTurntable) else []
+    collected = _Collected(board, points, progress, *show)
     began_s = board.now_s()
     if slow and turntable.tumbled() is not None:
         places = _collect_by_position(collected, turntable, takes_s, wait)
@@ -252,7 +253,8 @@ def held_as_taken(board: Board, tumble: Tumble) -> Iterator[None]:
 class _Collected:
     """Points so far: stored on the board, and read back."""
 
-    def __init__(self, board: Board, points: int, tell: Progress) -> None:
+    def __init__(self, board: Board, points: int, tell: Progress, show: ShowPoints = ignore_points) -> None:
+        self._show = show
         self.stored = self._overruns = self._back = 0
         self.total, self.now_s = points, board.now_s
         self._board, self._tell = board, tell
@@ -281,7 +283,9 @@ class _Collected:
             self._magnetometer.append(back.magnetometer)
             self._accelerometer.append(back.accelerometer)
         self._back = self.stored
-        coverage = sphere_coverage(np.concatenate(self._magnetometer), field_ut=self._board.declared.field_ut)
+        points = np.concatenate(self._magnetometer)
+        self._show(points, self._accelerometer[-1])
+        coverage = sphere_coverage(points, field_ut=self._board.declared.field_ut)
         self._tell(f"tumble, {100 * coverage:.0f} % of the sphere", self.stored, self.total)
 
     def tumble(self, duration_s: float) -> Tumble:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hiltest.boards.board import Board, Stage
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
 from hiltest.orientation.angles import Pose
+from hiltest.procedures.questions import Glance, Live, Question
 
 LEVEL = Pose(0.0, 0.0, 0.0)
 #: Table poses in which a body axis is straight down: nose down, right side down, level.
@@ -38,6 +42,14 @@ SWAY_S = 24.0
 AXES_IN_WORDS = "Axes of the board: x points to its nose, y to its right side, z through it, down when it is level."
 #: Number of consecutive invalid answers after which the operator counts as absent.
 QUESTIONS = 3
+
+
+#: Shows a tumble: all points of the magnetometer, and the latest of the accelerometer, shape (n, 3) each [counts].
+ShowPoints: TypeAlias = Callable[[NDArray[np.int16], NDArray[np.int16]], None]
+
+
+def ignore_points(_points: object, _accelerometer: object) -> None:
+    """Show no points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +203,13 @@ class OperatorTurntable:
         Duration of a tumble by hand.
     shows_coverage
         True if the coverage of the sphere is shown meanwhile.
+    look
+        Returns the board as its sensors show it while a question without a known angle waits; None for questions
+        without it.
+    may_look
+        True if the board may be read while a question waits: a recording has no place for it.
+    show_points
+        Shows a tumble.
     """
 
     name = "operator"
@@ -202,8 +221,13 @@ class OperatorTurntable:
         uncertainty_deg: float,
         tumble_s: float = HAND_TUMBLE_S,
         shows_coverage: bool = True,
+        look: Callable[[], Glance] | None = None,
+        may_look: bool = True,
+        show_points: ShowPoints = ignore_points,
     ) -> None:
         self._prompt = prompt
+        self._look = look
+        self.may_look, self.show_points = may_look, show_points
         self._shows_coverage = shows_coverage
         self._tumble_s = tumble_s
         self.uncertainty_deg = uncertainty_deg
@@ -222,7 +246,7 @@ class OperatorTurntable:
             "and let it stand still. Enter when there, or type the heading reached: "
         )
         for _ in range(QUESTIONS):
-            heading_deg = heading_of(self.ask(question), pose.heading_deg)
+            heading_deg = heading_of(self.ask(question, pose), pose.heading_deg)
             if heading_deg is not None:
                 return self.achieved(pose, heading_deg)
         raise OperatorAbsentError(f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?")
@@ -236,7 +260,8 @@ class OperatorTurntable:
         axes = f"{AXES_IN_WORDS}\n" if face is FACES[0] else ""
         self.ask(
             f"{axes}face {FACES.index(face) + 1} of 6: put the board {FACE_WORDS[face]}, square on a level surface, "
-            "and let go of it. Enter when it lies still: "
+            "and let go of it. Enter when it lies still: ",
+            face.pose,
         )
 
     def tumble(self, duration_s: float) -> float:
@@ -262,13 +287,14 @@ class OperatorTurntable:
 
     def rest(self) -> None:
         """Ask for the board to lie still."""
-        self.ask("put the board down level and leave it still; Enter when it is: ")
+        self.ask("put the board down level and leave it still; Enter when it is: ", LEVEL)
 
     def mount(self, axis: Axis) -> None:
         """Ask for the board to stand on the table, the axis down."""
         self.ask(
             f"put the board on the table {_MOUNTED[axis]}, its {axis.name.lower()} axis straight down, the table at "
-            "its mark, and let it stand still. Enter when it does: "
+            "its mark, and let it stand still. Enter when it does: ",
+            AXIS_DOWN[axis],
         )
 
     def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
@@ -291,18 +317,30 @@ class OperatorTurntable:
     def close(self) -> None:
         """Do nothing: there is no port."""
 
-    def ask(self, question: str) -> str:
+    def ask(self, question: str, pose: Pose | None = None) -> str:
         """Ask the operator; all questions of a hand-turned table use this method.
+
+        Parameters
+        ----------
+        pose
+            Requested attitude of the board; None if no single one is.
 
         Raises
         ------
         OperatorAbsentError
             When nobody answers.
         """
+        if not isinstance(question, Question):
+            question = Question(question, self._look and self._live, pose=pose)
         try:
             return self._prompt(question)
         except EOFError:
             raise OperatorAbsentError.asked(question) from None
+
+    def _live(self) -> Live:
+        assert self._look is not None
+        glance = self._look()
+        return Live("moving" if glance.moves else "still", glance)
 
 
 def open_turntable(
@@ -311,6 +349,7 @@ def open_turntable(
     uncertainty_deg: float,
     prompt: Callable[[str], str] | None = None,
     tumble_s: float = HAND_TUMBLE_S,
+    **shown: Any,
 ) -> Turntable:
     """Return the turntable of a board: simulated for a virtual one, an operator otherwise.
 
@@ -322,6 +361,8 @@ def open_turntable(
         See `OperatorTurntable`.
     tumble_s
         Duration of an operator's tumble.
+    shown
+        Further arguments of `OperatorTurntable`.
 
     Raises
     ------
@@ -333,7 +374,11 @@ def open_turntable(
     if prompt is None:
         raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
     return OperatorTurntable(
-        prompt=prompt, uncertainty_deg=uncertainty_deg, tumble_s=tumble_s, shows_coverage=board.answers_requests
+        prompt=prompt,
+        uncertainty_deg=uncertainty_deg,
+        tumble_s=tumble_s,
+        shows_coverage=board.answers_requests,
+        **shown,
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +22,7 @@ from hiltest.text import number
 from hiltest.verdict.calibrators import UNCALIBRATED
 
 # Measurements on the terminal: accuracy and cost of each calibrator.
+_APART = ("spread", "deviation", "Cpk")
 _HEADLINES = (KINDS["heading.{calibrator}.max"], KINDS["cycles.{calibrator}.total"])
 
 
@@ -28,7 +31,7 @@ class BoardLine:
     """Result of one board's run."""
 
     name: str
-    """Name of its rig."""
+    """Name of its rig, or its serial number."""
     folder: str
     """Folder of its record, relative to the page."""
     exit_code: int
@@ -51,6 +54,12 @@ class Apart:
     spread: float | int | None
     """Largest minus smallest value; None if fewer than two boards have a number, or if they are not comparable."""
 
+    mean: float | None = None
+    deviation: float | None = None
+    """Mean and sample standard deviation over the boards; None where the spread is."""
+    cpk: float | None = None
+    """Distance of the mean from the nearer limit, in three standard deviations; None if the limits differ or lack."""
+
     @property
     def has_limit(self) -> bool:
         """True if a board has a limit for it."""
@@ -64,9 +73,12 @@ class Apart:
         return number(self.values[board], self.unit) + sign
 
     @property
-    def apart(self) -> str:
-        """The spread as text."""
-        return "" if self.spread is None else number(self.spread, self.unit)
+    def apart(self) -> tuple[str, str, str]:
+        """Spread, standard deviation and Cpk as texts."""
+        spread, deviation = (
+            "" if value is None else number(value, self.unit) for value in (self.spread, self.deviation)
+        )
+        return spread, deviation, "" if self.cpk is None else f"{self.cpk:.2f}"
 
 
 def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
@@ -79,6 +91,7 @@ def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[A
         boards=boards,
         held=held,
         others=others,
+        columns=_APART,
         report=REPORT_FILE,
         version=__version__,
     )
@@ -87,6 +100,19 @@ def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[A
 def boards_markdown(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
     """Return the page as Markdown."""
     return "\n".join(_lines(verdict, boards, apart)) + "\n"
+
+
+def boards_table(boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
+    """Return the measurements as CSV, one in each row, with the boards behind the statistics."""
+    names = [board.name for board in boards]
+    file = io.StringIO()
+    rows = csv.writer(file, lineterminator="\n")
+    rows.writerow(["measurement", "unit", "spread", "mean", "deviation", "cpk", *names])
+    rows.writerow(["exit code", "", "", "", "", "", *(board.exit_code for board in boards)])
+    for row in apart:
+        statistics = row.spread, row.mean, row.deviation, row.cpk
+        rows.writerow([row.name, row.unit, *statistics, *map(row.values.get, names)])
+    return file.getvalue()
 
 
 def _lines(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]) -> Iterator[str]:
@@ -100,8 +126,8 @@ def _lines(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[Apart]
 
 
 def _measurements(names: Sequence[str], apart: Sequence[Apart]) -> Iterator[str]:
-    rows = ([row.name, *map(row.cell, names), row.apart, row.unit] for row in apart)
-    yield from table(["measurement", *map(plain_text, names), "spread", "unit"], rows)
+    rows = ([row.name, *map(row.cell, names), *row.apart, row.unit] for row in apart)
+    yield from table(["measurement", *map(plain_text, names), *_APART, "unit"], rows)
 
 
 def print_boards(console: Console, names: Sequence[str], apart: Sequence[Apart]) -> None:
@@ -115,5 +141,5 @@ def print_boards(console: Console, names: Sequence[str], apart: Sequence[Apart])
         named = identify(row.name)
         if named.kind in _HEADLINES and named.subject != UNCALIBRATED:
             cells = [row.cell(name) for name in names]
-            shown.add_row(*map(escape, (row.name, *cells, row.apart, row.unit)))
+            shown.add_row(*map(escape, (row.name, *cells, row.apart[0], row.unit)))
     console.print(shown)

@@ -7,7 +7,7 @@ from pathlib import Path
 from hiltest.errors import ConfigError
 
 DEFAULT_RIG = "virtual-k64f.toml"
-_REAL_RIG = "frdm-k64f.toml"
+REAL_RIG = "frdm-k64f.toml"
 
 _PACKAGE = Path(__file__).parents[1]
 # The wheel carries the copy as hiltest/bench; an editable checkout has only the repository's hil/.
@@ -57,7 +57,7 @@ def rig_file(start: Path, named: str | None, *, port: str | None = None) -> Path
         If the file does not exist; the message lists the existing rigs.
     """
     folders = [start / "hil" / "rigs", shipped() / "rigs"]
-    default = DEFAULT_RIG if port is None or port.startswith("hil://") else _REAL_RIG
+    default = DEFAULT_RIG if port is None or port.startswith("hil://") else REAL_RIG
     if named is None:
         candidates = [folder / default for folder in folders]
     else:

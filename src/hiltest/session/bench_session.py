@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from hiltest.procedures.imu_calibration.calibration_file import CalibrationFile
     from hiltest.rig import Rig
     from hiltest.run_record.recorder import Recorder
+    from hiltest.session.bench_page import BenchPage
     from hiltest.session.by_hand import ByHand
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.session_tape import Replay
@@ -79,12 +80,15 @@ class HilSession:
         Recording that the run is replayed from.
     divergence : str
         Difference between the run and the recorded one, available after `end`; empty without one.
+    page : BenchPage or None
+        Page with the operator's questions.
     """
 
     def __init__(self, config: pytest.Config, settings: Settings) -> None:
         self.config = config
         self.replay: Replay | None = None
         self.divergence = ""
+        self.page: BenchPage | None = None
         self.on_chip: OnChip | None = None  # facts about firmware that was flashed
         self._tape: Tape | None = None
         if settings.replay is not None:
@@ -553,7 +557,7 @@ class HilSession:
         """Progress display of long work."""
         from hiltest.session.progress_line import progress_of
 
-        return progress_of(self.config)
+        return progress_of(self.config) if self.page is None else progress_of(self.config, self.page.progress)
 
     def clear_progress(self) -> None:
         """Clear the progress line before pytest writes there."""

@@ -176,7 +176,10 @@ def turntable(request: pytest.FixtureRequest, rig: Rig) -> Iterator[Turntable]:
     from hiltest.procedures import open_table
 
     session = _session(request)
-    table = open_table(session.connect(), rig, prompt=lambda text: _ask(request.config, text), tape=session.tape)
+    shown = {} if session.page is None else {"show_points": session.page.show_points(rig)}
+    table = open_table(
+        session.connect(), rig, prompt=lambda text: _ask(request.config, text), tape=session.tape, **shown
+    )
     yield table
     table.close()
 
@@ -274,7 +277,7 @@ def _ask(config: pytest.Config, text: str) -> str:
         config.stash[SESSION].clear_progress()
         if (reporter := config.pluginmanager.getplugin("terminalreporter")) is not None:
             reporter.ensure_newline()
-        return ask(text)
+        return ask(text, config.stash[SESSION].page)
     finally:
         if capture is not None:
             capture.resume()

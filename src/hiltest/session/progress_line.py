@@ -52,6 +52,8 @@ class ProgressLine:
         Function that prints a separate line, at most every half minute, if there is no terminal.
     room
         Function that returns the number of free columns on the current line; by default all but one of the terminal's.
+    also
+        Function that receives the text of the progress as well, empty at its end.
     """
 
     def __init__(
@@ -61,7 +63,9 @@ class ProgressLine:
         shown: bool,
         say: Callable[[str], None] | None = None,
         room: Callable[[], int] | None = None,
+        also: Callable[[str], None] = lambda text: None,
     ) -> None:
+        self._also = also
         self._writer = writer
         self._shown = shown
         self._say = say
@@ -77,10 +81,12 @@ class ProgressLine:
         if label != self._label or done == 0:
             self._label, self._started_s = label, now_s
         if done >= total:
+            self._also("")
             self.clear()
             return
         text = progress_text(label, done, total, elapsed_s=now_s - self._started_s)
         text += f"; {note}" if note else ""
+        self._also(text)
         if self._shown and now_s - self._drawn_s >= _REDRAW_S:
             self._drawn_s = now_s
             self.draw(text)
@@ -114,11 +120,11 @@ def progress_text(label: str, done: int, total: int, *, elapsed_s: float) -> str
     return f"  {label} {done} of {total}, {left_s:.0f} s left"
 
 
-def progress_of(config: pytest.Config) -> ProgressLine:
+def progress_of(config: pytest.Config, also: Callable[[str], None] = lambda text: None) -> ProgressLine:
     """Return the progress display of pytest's terminal; a worker has no terminal, and shows no progress."""
     terminal: pytest.TerminalReporter | None = config.pluginmanager.get_plugin("terminalreporter")
     if terminal is None:
-        return ProgressLine(TextOutput(sys.stdout), shown=False)
+        return ProgressLine(TextOutput(sys.stdout), shown=False, also=also)
     capture = config.pluginmanager.get_plugin("capturemanager")
     uncaptured = nullcontext if capture is None else capture.global_and_fixture_disabled
     writer = terminal._tw
@@ -137,6 +143,7 @@ def progress_of(config: pytest.Config) -> ProgressLine:
         shown=writer.hasmarkup,
         say=say,
         room=lambda: writer.fullwidth - writer.width_of_current_line - 1,
+        also=also,
     )
 
 

@@ -108,6 +108,15 @@ def label(text: str) -> str:
     return text
 
 
+def serial_number(text: str) -> str:
+    """Parse the serial number of a board, which is the name of a folder."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", text, re.ASCII):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a serial number: use 1 to 64 letters, digits, - and _, a letter or digit first"
+        )
+    return text
+
+
 def make_folder(folder: Path) -> None:
     """Make the folder of a record before anything runs.
 
