@@ -153,7 +153,7 @@ class DescribedChip(Restorable):
         if table.registers == "i2c":
             return I2c(processor, module, self._i2c[module.name.lower()], bus_clock, clocks.time)
         if table.registers == "spi":
-            return Spi(processor, module, self._spi[module.name.lower()], bus_clock, clocks.time, self.unmodelled)
+            return Spi(processor, module, self._spi[module.name.lower()], bus_clock, clocks.time)
         if table.registers == "syscfg":
             self._selection = PinSelection(processor, module, self.unmodelled)
             return self._selection
