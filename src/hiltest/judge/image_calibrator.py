@@ -34,7 +34,7 @@ class ImageCalibrator:
     built_by
         Compiler and flags; by default those in the image.
     part
-        Part whose memories and timing are used, by default a Cortex-M4 without waits.
+        Part whose memories and timing are used, by default a Cortex-M4 without waits, or the small core of the image.
 
     Raises
     ------
