@@ -16,7 +16,7 @@ from hiltest.boards import default_firmware
 from hiltest.errors import BoardFault, ConfigError
 from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.program.elf import load_image
-from hiltest.virtual.program.other_chips import other_chip
+from hiltest.virtual.program.other_chips import other_chip, small_part
 
 Link = Callable[..., Path]
 
@@ -122,7 +122,8 @@ UNNAMED = [
     ("STM32F0, STM32F3, STM32L4 or STM32G4", 0x08000000, 0x20018000, (0x4002104C, 0x48000000), (), "stripped"),
     ("STM32L0, STM32G0 or STM32C0", 0x08000000, 0x20002000, (0x40021034, 0x50000000), (), "bin"),
     ("STM32H7", 0x08000000, 0x20020000, (0x580244E0, 0x58020400), (), "hex"),
-    ("nRF51 or nRF52", 0, 0x20010000, (0x5000051C, 0x4001E504, 0x40002500), (), "bin"),
+    ("nRF52", 0, 0x20010000, (0x5000051C, 0x4001E504, 0x40002500), (), "bin"),
+    ("nRF51 or nRF52", 0, 0x20004000, (0x5000051C, 0x4001E504, 0x40002500), (), "bin"),
     ("RP2040 or RP2350", 0x10000000, 0x20040000, (0x4000C000, 0x400140CC), (), "hex"),
     ("SAMD20, SAMD21 or SAML21", 0, 0x20008000, (0x40000800, 0x41004400), (), "bin"),
     ("SAMD51 or SAME5x", 0, 0x20030000, (0x41004000, 0x41008000, 0x40001C80), (), "stripped"),
@@ -216,7 +217,7 @@ def test_an_image_for_a_chip_of_another_virtual_board_names_it(link: Link) -> No
 
 
 def test_a_rig_that_is_proposed_for_an_nrf51_is_of_the_virtual_microbit(link: Link, tmp_path: Path) -> None:
-    image = link(0, 0x20004000, file="nrf51822.c")
+    image = link(0, 0x20004000, file="nrf51822.c", flags=("-mcpu=cortex-m0",))
     assert run("init", str(tmp_path / "mine"), "--firmware", str(image)) == 0
     rig = load_rig(tmp_path / "mine" / "hil" / "rigs" / "mine.toml")
     assert (rig.board.kind, rig.board.machine) == ("virtual", "microbit-v1")
@@ -240,3 +241,70 @@ def test_public_programs_of_other_chips_are_refused(name: str, chip: str) -> Non
     found = other_chip(load_image(foreign_elf(name)))
     assert found is not None
     assert found.name == chip
+
+
+NRF_PORT = tuple(range(0x50000500, 0x50000780, 4))  # 160 registers, as many calls
+
+
+@pytest.mark.parametrize("form", ["elf", "bin"])
+@pytest.mark.parametrize(
+    ("cpu", "name", "machine"), [("cortex-m0", "nRF51", "microbit-v1"), ("cortex-m4", "nRF52", None)]
+)
+def test_the_core_tells_an_nrf51_from_an_nrf52_of_the_same_layout(
+    cpu: str, name: str, machine: str | None, form: str, link: Link
+) -> None:
+    registers = (*NRF_PORT, 0x4001E504, 0x40002500)
+    chip = other_chip(load_image(link(0, 0x20004000, registers=registers, form=form, flags=(f"-mcpu={cpu}",))))
+    assert chip is not None
+    assert (chip.name, chip.machine) == (name, machine)
+
+
+def test_names_of_an_nrf51_in_code_for_a_larger_core_are_those_of_an_nrf52(link: Link) -> None:
+    image = load_image(link(0, 0x20004000, file="nrf51_to_nrf52840.c", registers=(0x5000051C, 0x4001E504)))
+    chip = other_chip(image)
+    assert chip is not None
+    assert (chip.name, chip.machine) == ("nRF52", None)
+    assert small_part(image) is None
+
+
+def test_a_short_image_that_may_be_either_nrf_names_no_machine(link: Link) -> None:
+    chip = other_chip(load_image(link(0, 0x20004000, registers=(0x5000051C, 0x4001E504), form="hex")))
+    assert chip is not None
+    assert (chip.name, chip.machine) == ("nRF51 or nRF52", None)
+
+
+#: Model of the cycles, CPU, name of the file, begin of the flash, initial stack.
+SMALL = [
+    ("nrf51822/1", "cortex-m0", "nrf51822.c", 0, 0x20004000),
+    ("generic-m0/1", "cortex-m0", "nrf51822.c", 0, 0x20008000),
+    ("generic-m0/1", "cortex-m0", "stm32f030x8.c", 0x08000000, 0x20002000),
+    ("generic-m0plus/1", "cortex-m0plus", "stm32g031xx.c", 0x08000000, 0x20002000),
+    ("generic-m0plus/1", "cortex-m0plus", "rp2040.c", 0x10000000, 0x20040000),
+]
+
+
+@pytest.mark.parametrize(("model", "cpu", "file", "flash", "stack"), SMALL)
+def test_functions_of_an_image_for_a_small_core_are_counted_by_its_prices(
+    model: str, cpu: str, file: str, flash: int, stack: int, link: Link
+) -> None:
+    image = link(flash, stack, file=file, flags=(f"-mcpu={cpu}",))
+    called = cycles(image).call("twice", 21)
+    part = model.partition("/")[0]
+    assert (called.value, called.cycles) == (42, cycles(image, part=part).call("twice", 21).cycles)
+    assert called.cycle_model.startswith(model)
+
+
+@pytest.mark.parametrize("cpu", ["cortex-m0", "cortex-m0plus"])
+def test_options_of_the_compiler_tell_small_cores_apart_and_without_them_the_user_must(cpu: str, link: Link) -> None:
+    flags = (f"-mcpu={cpu}",)
+    assert cycles(link(flags=(*flags, "-g"))).call("twice", 21).cycle_model.startswith(f"generic-{cpu[7:]}/1")
+    with pytest.raises(
+        ConfigError, match=r"built for Armv6-M, and neither .* --part generic-m0 or --part generic-m0plus"
+    ):
+        cycles(link(flags=flags))
+
+
+def test_the_layout_of_a_small_core_s_image_stays_its_own_with_memories_of_the_user(link: Link) -> None:
+    image = link(0, 0x20004000, file="nrf51822.c", flags=("-mcpu=cortex-m0",))
+    called = cycles(image, memory="flash=0:256K,ram=0x20000000:32K").call("twice", 21)
+    assert called.cycle_model.startswith("generic-m0/1")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.virtual.board.described_machine import DescribedMachine
 from hiltest.virtual.part.machine_file import load_machine
+from hiltest.virtual.program.elf import load_image
 
 LINK = """
 MEMORY { flash (rx) : ORIGIN = 0x08000000, LENGTH = 512K  ram (rwx) : ORIGIN = 0x20000000, LENGTH = 128K }
@@ -70,6 +72,7 @@ volatile uint32_t seen[8];
 """
 
 Run = Callable[..., DescribedMachine]
+FASTEST = "RCC(0) |= 1 << 16 | 1 << 24; while (!(RCC(0) & 1u << 25)) {} RCC(8) = 2; while ((RCC(8) & 12) != 8) {}"
 
 
 @pytest.fixture
@@ -173,6 +176,33 @@ def test_a_block_without_a_model_is_named(board: Run) -> None:
     machine = board("void main(void) { RCC(0x44) = 1 << 8; R(0x40012000) = 4; for (;;) {} }")
     machine.run_until(0.001)
     assert "ADC1+0x000 at 0x40012000 is not modelled; write of 0x00000004" in str(machine.unmodelled[0])
+
+
+@pytest.mark.parametrize("machine", ["stm32f407-disco", "stm32f411-disco"])
+def test_every_block_of_a_machine_without_a_model_is_named_at_its_first_use(machine: str) -> None:
+    modelled = {"rcc", "gpio", "usart", "timer", "i2c", "spi", "exti", "syscfg", "dma", "flash", "power"}
+    blocks = {name: block for name, block in load_machine(machine).blocks.items() if block.registers not in modelled}
+    assert {"RTC", "WWDG", "IWDG", "ADC1", "CRC", "SDIO", "OTG_FS"} | (
+        {"RNG", "DAC"} if "407" in machine else set()
+    ) <= (blocks.keys())
+    loop = struct.pack("<102I", 0x20020000, *[0x08000199] * 101) + struct.pack("<H", 0xE7FE)
+    board = DescribedMachine(machine, load_image(loop, base=0x08000000))
+    board.boot()
+    for gates in (0x30, 0x34, 0x38, 0x40, 0x44):
+        board.bus.write(0x40023800 + gates, 4, 0xFFFFFFFF)
+    for block in blocks.values():
+        board.bus.write(block.base, 4, 1)
+    assert [access.register.partition("+")[0].removesuffix("_KR") for access in board.unmodelled] == list(blocks)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(200, False), (240, True)])
+def test_a_pll_above_the_highest_clock_of_the_part_is_named(factor: int, named: bool, board: Run) -> None:
+    program = f"void main(void) {{ RCC(4) = 8 | {factor} << 6 | 1u << 22; {FASTEST} for (;;) {{}} }}"
+    machine = board(program)
+    machine.run_until(0.01)
+    assert machine.clocks.core_hz == factor / 2 * 1e6
+    sentence = "RCC_CFGR at 0x40023808 sets a core clock of 120 MHz, above the 100 MHz of the part; write of 0x"
+    assert any(sentence in str(access) for access in machine.unmodelled) == named
 
 
 def test_flash_is_seen_at_address_0_and_the_identity_in_system_memory(board: Run) -> None:

@@ -299,6 +299,45 @@ def test_a_master_whose_select_is_low_has_a_mode_fault(chip: Chip) -> None:
     assert (chip[SPI_SR], chip.interrupts()) == (SPI_TXE, set())
 
 
+def test_frames_with_the_lowest_bit_first_are_mirrored(chip: Chip) -> None:
+    chip[SPI_CR1] = MASTER | 1 << 7 | ENABLED
+    select(chip, True)
+    assert [exchange(chip, value) for value in (0xF1, 0)][1] == 0xBC  # 0x8F and 0x3D from right to left
+
+
+def test_a_frame_on_the_wires_ends_again_after_a_snapshot_was_restored(chip: Chip) -> None:
+    chip[SPI_CR1] = MASTER | 7 << 3 | ENABLED
+    select(chip, True)
+    assert exchange(chip, 0x8F, 130) == 0xFF
+    chip[SPI_DR] = 0
+    chip.wait_us(100)
+    snapshot = chip.board.snapshot()
+    for _ in range(2):
+        assert chip[SPI_SR] == SPI_TXE | BSY
+        chip.wait_us(30)
+        assert (chip[SPI_SR], chip[SPI_DR]) == (SPI_TXE | SPI_RXNE, 0x3D)
+        chip.board.restore(snapshot)
+
+
+def test_the_flags_of_spi_interrupt_with_their_enables(chip: Chip) -> None:
+    chip[SPI_CR1] = MASTER | ENABLED
+    assert chip.interrupts() == set()
+    chip[SPI_CR2] = 1 << 7  # TXE
+    assert chip.interrupts() == {35}
+    chip[SPI_CR2] = 1 << 6  # RXNE
+    assert chip.interrupts() == set()
+    chip[SPI_DR] = 0
+    chip.wait_us(2)
+    assert chip.interrupts() == {35}
+    assert (chip[SPI_DR], chip.interrupts()) == (0xFF, set())
+
+
+def test_modes_of_spi_without_a_model_are_named(chip: Chip) -> None:
+    chip[SPI_CR1] = MASTER | 1 << 13 | ENABLED  # CRC
+    chip[SPI1 + 0x1C] = 1 << 11  # I2S
+    assert [line.split(" ")[0] for line in chip.unmodelled().splitlines()] == ["SPI1_CR1", "SPI1_I2SCFGR"]
+
+
 def test_dma_exchanges_the_bytes_of_an_spi_transfer(chip: Chip) -> None:
     dma2, receive, send = 0x40026400, 0x10, 0x10 + 3 * 0x18
     chip.board.processor.memory.write(SRAM, bytes([0x8F, 0, 0, 0, 9, 9]))

@@ -62,7 +62,7 @@ class GdbSession:
             (b"qC", lambda rest: _UNKNOWN if rest else b"QC1"),
             (b"qfThreadInfo", lambda _: b"m1"),
             (b"qsThreadInfo", lambda _: b"l"),
-            (b"qThreadExtraInfo", lambda _: b"Cortex-M4F".hex().encode()),
+            (b"qThreadExtraInfo", lambda _: machine.core_title.encode().hex().encode()),
             (b"qSymbol", lambda _: _OK),
             (b"vCont?", lambda _: b"vCont;c;C;s;S;r"),
             (b"vCont;", self._continue_as),

@@ -39,7 +39,8 @@ def memory_description(memories: MemoryMap, pages: Sequence[Region] = ()) -> str
     """
     devices = PERIPHERALS, PRIVATE_PERIPHERALS
     further = [page for page in pages if not is_in(devices, page[0])]
-    regions = [("rom", memory) for memory in memories.flash]
+    aliases = ((base, size) for base, (_, size) in memories.aliases)
+    regions = [("rom", memory) for memory in (*memories.flash, *aliases)]
     regions += [("ram", memory) for memory in (*memories.ram, *devices, *further)]
     rows = "".join(f'<memory type="{kind}" start="0x{base:x}" length="0x{size:x}"/>' for kind, (base, size) in regions)
     return (

@@ -54,7 +54,9 @@ Exit codes:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Use this table to call functions with another signature.",
 )
-@click.option("--part", metavar="NAME|FILE", help="Count the cycles of an ELF with the memories of this chip.")
+@click.option(
+    "--part", metavar="NAME|FILE", help="Compile a source for this chip, or count an ELF with its memories and timing."
+)
 @click.option("--against", metavar="FILE", help="Compare with this calibrator, in the same worlds.")
 @click.option(
     "--limit",

@@ -120,8 +120,8 @@ def profile(
 ) -> int:
     """Count the cycles of a function, by function and source line.
 
-    ELF is any program for a Cortex-M4, or for the core of --part; "shipped" is the packaged firmware. hiltest profile
-    worst searches for the arguments that take the most cycles.
+    ELF is any program for a Cortex-M4, M0 or M0+, or for the core of --part; "shipped" is the packaged firmware.
+    hiltest profile worst searches for the arguments that take the most cycles.
     """
     from hiltest.boards import default_firmware
     from hiltest.json_files import json_text

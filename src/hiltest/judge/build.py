@@ -14,13 +14,15 @@ from pathlib import Path
 
 from hiltest.errors import ConfigError
 from hiltest.virtual.core.c_library import ZIG_REQUIREMENT
+from hiltest.virtual.part.part_file import load_part
 
 HEADER = "hiltest_judge.h"
 """Header with the contracts."""
 C_SUFFIXES = (".c",)
 CPP_SUFFIXES = (".cc", ".cpp", ".cxx")
 FLAGS = "-O2"
-_CPU_FLAGS = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+_CORTEX_M4 = "cortex-m4"
+_FPU_FLAGS = dict.fromkeys((_CORTEX_M4, "cortex-m33"), ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"))
 _SPLIT_FLAGS = ("-ffunction-sections", "-fdata-sections")
 _CPP_FLAGS = ("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics")
 _ZIG_TARGET = (
@@ -30,13 +32,14 @@ _ZIG_TARGET = (
 )  # with the C library musl, which zig brings along
 _TIMEOUT_S = 600.0  # zig compiles its C library at first use, which takes a minute or two
 _LONGEST_MESSAGE = 2000
-# Code from SRAM_L and data in SRAM_U of the MK64FN1M0, where nothing waits.
+# Code in SRAM_L and data in SRAM_U of the MK64FN1M0, where nothing waits: without a part with memories.
+_CODE, _DATA = (0x1FFF0000, 0x10000), (0x20000000, 0x20000)
 _LINKER_SCRIPT = """\
 ENTRY({function})
 MEMORY
 {{
-    code (rx) : ORIGIN = 0x1fff0000, LENGTH = 64K
-    data (rw) : ORIGIN = 0x20000000, LENGTH = 128K
+    code (rx) : ORIGIN = {code[0]}, LENGTH = {code[1]}
+    data (rw) : ORIGIN = {data[0]}, LENGTH = {data[1]}
 }}
 SECTIONS
 {{
@@ -70,8 +73,8 @@ def header_folder() -> Path:
     return Path(str(resources.files("hiltest.judge")))
 
 
-def build_image(source: Path, functions: Sequence[str], folder: Path) -> Build:
-    """Compile a source for the Cortex-M4.
+def build_image(source: Path, functions: Sequence[str], folder: Path, *, part: str | None = None) -> Build:
+    """Compile a source for a part, by default for the Cortex-M4 of the MK64FN1M0.
 
     Parameters
     ----------
@@ -79,23 +82,30 @@ def build_image(source: Path, functions: Sequence[str], folder: Path) -> Build:
         Functions that must be in the image, if the source has them.
     folder
         Folder of the image.
+    part
+        Part whose core and whose first flash and RAM are used.
 
     Raises
     ------
     ConfigError
-        If there is no compiler, or the source cannot be compiled; with the compiler's first messages.
+        If there is no such part or no compiler for it, or the source cannot be compiled; with the compiler's first
+        messages.
     """
     script, image, start = folder / "judged.ld", folder / f"{source.stem}.elf", folder / "start.c"
-    script.write_text(_LINKER_SCRIPT.format(function=functions[0]), encoding="utf-8")
+    chip = None if part is None else load_part(part)
+    core, memories = (_CORTEX_M4, None) if chip is None else (chip.core, chip.memory_map)
+    code, data = (_CODE, _DATA) if memories is None else (memories.flash[0], memories.ram[0])
+    script.write_text(_LINKER_SCRIPT.format(function=functions[0], code=code, data=data), encoding="utf-8")
     is_cpp = source.suffix in CPP_SUFFIXES
     language = _CPP_FLAGS if is_cpp else ()
     common = [FLAGS, "-gdwarf-4", *_SPLIT_FLAGS, *language, "-I", str(header_folder()), "-T", str(script)]
     common += ["-Wl,--gc-sections", *(f"-Wl,-u,{function}" for function in functions), "-o", str(image), str(source)]
     if command := shutil.which("arm-none-eabi-g++" if is_cpp else "arm-none-eabi-gcc"):
-        _run(
-            [command, *_CPU_FLAGS, "-nostartfiles", "--specs=nosys.specs", "-Wl,--no-warnings", *common, "-lm"], source
-        )
+        cpu = [f"-mcpu={core}", "-mthumb", *_FPU_FLAGS.get(core, ())]
+        _run([command, *cpu, "-nostartfiles", "--specs=nosys.specs", "-Wl,--no-warnings", *common, "-lm"], source)
         return Build(image, f"{_version([command])} {FLAGS}")
+    if core != _CORTEX_M4:
+        raise ConfigError(f"{source}: install arm-none-eabi-gcc, because zig compiles sources for a Cortex-M4 only")
     zig = _zig(is_cpp=is_cpp)
     start.write_text("int main(void) { return 0; }\n", encoding="utf-8")  # its C library wants one
     _run([*zig, *_ZIG_TARGET, "-static", *common, str(start), "-lm"], source)

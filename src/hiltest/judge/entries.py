@@ -60,7 +60,7 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
     function
         Function of a file; by default that of the contract.
     part
-        Part of an image.
+        Part of an image, or for which a source is compiled.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def open_foreign(named: str, table: ReadTable, part: str | None = None) -> Itera
                 if name.encode() not in content:
                     raise ConfigError(f"{source.path}: no function {name} in {file}; correct its call")
             folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
-            build = build_image(file, read.functions, folder)
+            build = build_image(file, read.functions, folder, part=part)
             file, built_by = build.file, build.built_by
         elif content[:4] == _ELF_MAGIC and int.from_bytes(content[18:20], "little") != _ARM:  # a library of the host
             host: Any = HostFilter if read.is_filter else partial(HostCalibrator, takes_pairs=True)
@@ -120,7 +120,7 @@ def _open_source(
     if name.encode() not in content:
         raise ConfigError(f"{file}: no function {name}; define it as hiltest_judge.h says, or name another: --function")
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
-    build = build_image(file, [name], folder)
+    build = build_image(file, [name], folder, part=part)
     image = ImageCalibrator(str(file), build.file, name, built_by=build.built_by, part=part)
     library = build_library(file, folder)
     host = HostCalibrator(str(file), library.file, name, takes_pairs=image.takes_pairs)

@@ -11,7 +11,6 @@ from hiltest.judge.answers import Answer
 from hiltest.judge.worlds import World
 from hiltest.virtual.calls.calling import find_function
 from hiltest.virtual.profiling.image import ProfiledImage
-from hiltest.virtual.program.elf import load_image
 
 CALIBRATE, CALIBRATE_PAIRS = "calibrate", "calibrate_pairs"
 TIMEOUT_S = 60.0
@@ -34,7 +33,7 @@ class ImageCalibrator:
     built_by
         Compiler and flags; by default those in the image.
     part
-        Part whose memories and timing are used, by default a Cortex-M4 without waits.
+        Part whose memories and timing are used, by default a Cortex-M4 without waits, or the small core of the image.
 
     Raises
     ------
@@ -43,11 +42,11 @@ class ImageCalibrator:
     """
 
     def __init__(self, name: str, file: Path, function: str, *, built_by: str = "", part: str | None = None) -> None:
-        image = load_image(file)
+        self._image = ProfiledImage(file, part=part)
+        image = self._image.board.image
         self.name, self._function = name, find_function(image, function).name
         self.built_by = built_by or image.compiler_flags
         self.flash_bytes: int | None = sum(len(segment.data) for segment in image.segments)
-        self._image = ProfiledImage(file, part=part)
         signature = image.signature(self._function)
         count = None if signature is None else len(signature.parameters)
         self.takes_pairs = count == 5 or (count is None and function == CALIBRATE_PAIRS)

@@ -33,7 +33,7 @@ from hiltest.virtual.processor.faults import FaultRecord
 from hiltest.virtual.processor.memory import MK64FN1M0
 from hiltest.virtual.processor.stack_bounds import NoBound, StackBounds, bound_with_exceptions
 from hiltest.virtual.processor.stacks import known_stacks
-from hiltest.virtual.program.elf import FirmwareImage, load_image
+from hiltest.virtual.program.elf import CORES, FirmwareImage, load_image
 
 #: Virtual time after which a called function counts as hung [s]: no measured function comes near it, and with a
 #: profile, the slowest way to count, the host needs about a minute for it.
@@ -62,6 +62,11 @@ class VirtualCortexM4:
     core
         Name of the core, of `CORES`.
 
+    Attributes
+    ----------
+    core_title : str
+        Name of the core, for people.
+
     Raises
     ------
     ConfigError
@@ -79,6 +84,7 @@ class VirtualCortexM4:
         core: str = "cortex-m4",
     ) -> None:
         self.image = open_image(elf, core=core)
+        self.core_title = CORES[core].title
         priced = load_profile(profile) if isinstance(profile, str) else profile
         self.memory = memory if isinstance(memory, MemoryMap) else memory_map(self.image, memory)
         if priced.memory and priced.waiting is None and self.memory != MK64FN1M0:

@@ -92,7 +92,8 @@ class DescribedChip(Restorable):
         processor.waits_for = lambda: self.unmodelled.polled
         self.random_numbers = _Seed()
         self.temperature_degc: Callable[[], float] = lambda: 25.0
-        self.clocks = ResetAndClocks(processor, modules["RCC"], Fraction(str(machine.board.hse_mhz)) * _MEGA)
+        hse_hz, highest_hz = Fraction(str(machine.board.hse_mhz)) * _MEGA, load_part(machine.part).clock_hz
+        self.clocks = ResetAndClocks(processor, modules["RCC"], hse_hz, highest_hz, self.unmodelled)
         self.cycle_counter, control = private_peripherals(processor, self.clocks.core)
         blocks = {name: self._model(modules[name], table) for name, table in machine.blocks.items()}
         for name, table in machine.blocks.items():
@@ -153,7 +154,7 @@ class DescribedChip(Restorable):
         if table.registers == "i2c":
             return I2c(processor, module, self._i2c[module.name.lower()], bus_clock, clocks.time)
         if table.registers == "spi":
-            return Spi(processor, module, self._spi[module.name.lower()], bus_clock, clocks.time, self.unmodelled)
+            return Spi(processor, module, self._spi[module.name.lower()], bus_clock, clocks.time)
         if table.registers == "syscfg":
             self._selection = PinSelection(processor, module, self.unmodelled)
             return self._selection

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 from hiltest.state import Restorable
@@ -53,10 +54,15 @@ class InterruptWires(Restorable):
         self._time = time
         self._levels: tuple[bool | None, ...] = (None,) * len(wires)
         self._event: Event | None = None
+        self._planned_s = math.inf  # time of the event; infinity without one
 
     def update(self) -> None:
         """Pass on the present levels, and schedule the next update."""
         self._update_at(self._time.now())
+
+    def _reach(self, ps: int) -> None:
+        self._planned_s = math.inf
+        self._update_at(ps)
 
     def _update_at(self, ps: int) -> None:
         time_s = ps / PICOSECONDS
@@ -68,9 +74,12 @@ class InterruptWires(Restorable):
         self._schedule_update(self._source.next_interrupt_s(time_s))
 
     def _schedule_update(self, time_s: float) -> None:
+        if time_s == self._planned_s:
+            return
         if self._event is not None:
             self._event.cancel()
             self._event = None
+        self._planned_s = time_s
         if math.isfinite(time_s):
             ps = math.ceil(time_s * PICOSECONDS)
-            self._event = self._time.call_at(ps, lambda: self._update_at(ps))
+            self._event = self._time.call_at(ps, partial(self._reach, ps))

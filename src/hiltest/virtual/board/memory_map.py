@@ -40,7 +40,7 @@ def memory_map(image: FirmwareImage, description: str | None = None) -> MemoryMa
     """
     if description is not None:
         return _parse(description)
-    if all(_fits(MK64FN1M0, *span) for span in _spans(image)):
+    if fits(MK64FN1M0, image):
         return MK64FN1M0
     try:
         return _guess(image)
@@ -54,8 +54,13 @@ def _spans(image: FirmwareImage) -> Iterable[Region]:
         yield segment.run_address, segment.run_size
 
 
-def _fits(memory: MemoryMap, address: int, size: int) -> bool:
-    return any(base <= address and address + size <= base + length for base, length in (*memory.flash, *memory.ram))
+def fits(memory: MemoryMap, image: FirmwareImage) -> bool:
+    """Return whether memories have all segments of an image."""
+    regions = (*memory.flash, *memory.ram)
+    return all(
+        any(base <= address and address + size <= base + length for base, length in regions)
+        for address, size in _spans(image)
+    )
 
 
 def _parse(description: str) -> MemoryMap:

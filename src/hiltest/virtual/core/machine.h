@@ -404,6 +404,16 @@ struct machine_stm32_timer {
 };
 bool machine_add_stm32_timer(struct machine *machine, uint32_t base, struct machine_stm32_timer connections);
 
+/* SPI of STM32F4 parts: `clock` is the module's, `time` counts picoseconds, a request of -1 is none. The callback exchanges
+ * a byte with the selected parts. */
+struct machine_stm32_spi {
+    int32_t interrupt, receive_request, send_request;
+    int32_t clock, time;
+    uint32_t (*exchange)(void *context, uint32_t value, int64_t time);
+    void *context;
+};
+bool machine_add_stm32_spi(struct machine *machine, uint32_t base, struct machine_stm32_spi connections);
+
 /* FTM. `changed` is called when a reported channel changes its level, `note` at a write that requests an unmodelled
  * function. */
 struct machine_ftm {

@@ -14,7 +14,7 @@ enum { AIRCR_SYSRESETREQ = 4, AIRCR_KEY = 0x05FA, AIRCR_PRIGROUP_SHIFT = 8, STIR
 enum { SCR_SLEEPONEXIT = 2, SCR_SLEEPDEEP = 4, SCR_SEVONPEND = 16 };
 enum { CCR_NONBASETHRDENA = 1, CCR_UNALIGN_TRP = 8, CCR_DIV_0_TRP = 16, CCR_STKALIGN = 512 };
 enum { VTOR_RESERVED = 0x7F, FPCCR_LSPACT = 1, DEMCR_TRCENA = 1 << 24, CPACR_FPU = 0xF << 20 };
-static const uint32_t SYSTEM_CONTROL = 0xE000E000, CPUID_VALUE = 0x410FC241; /* Cortex-M4 r0p1 */
+static const uint32_t SYSTEM_CONTROL = 0xE000E000, CORTEX_M4 = 0x410FC241 /* r0p1 */, CORTEX_M0 = 0x410CC200;
 static const uint32_t AIRCR_READ_KEY = 0xFA050000;
 
 struct system_control {
@@ -121,7 +121,7 @@ static uint32_t read_word(struct machine *machine, struct device *device, uint32
         return read_priorities(core, EXCEPTION_MEM_MANAGE + offset - SHPR);
     switch (offset) {
     case ICTR: return 2; /* registers for 96 interrupts */
-    case CPUID: return CPUID_VALUE;
+    case CPUID: return machine->baseline ? CORTEX_M0 : CORTEX_M4;
     case ICSR: return read_interrupt_control(machine);
     case VTOR: return core->vector_table;
     case AIRCR: return AIRCR_READ_KEY | core->priority_grouping << AIRCR_PRIGROUP_SHIFT;

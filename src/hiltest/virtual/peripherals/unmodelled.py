@@ -132,11 +132,16 @@ class UnmodelledLog(Restorable):
 
     def note_without_clock(self, block: str, address: int, size: int, written: int | None) -> None:
         """Record an access to a block whose clock is off."""
+        fault = f"has no clock, because RCC does not enable {block}"
+        self.note_fault(address, size, written, outcome="was ignored", fault=fault)
+
+    def note_fault(self, address: int, size: int, written: int | None, *, outcome: str, fault: str) -> None:
+        """Record an access to a register that is modelled, with its fault."""
         name = self._chip.register_name(address) or f"0x{address:08x}"
         self._count[name] += 1
         if name not in self._first:
-            self._add(name, address, written, size, self._processor.registers.pc.get(), "was ignored")
-            self._first[name] = replace(self._first[name], fault=f"has no clock, because RCC does not enable {block}")
+            self._add(name, address, written, size, self._processor.registers.pc.get(), outcome)
+            self._first[name] = replace(self._first[name], fault=fault)
 
     def _add(self, name: str, address: int, written: int | None, size: int, pc: int, outcome: str) -> None:
         place, now = self._processor.place(pc), self._processor.now()

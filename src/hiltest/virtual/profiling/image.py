@@ -6,14 +6,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.board.cortex_m4 import HANG_S
+from hiltest.virtual.board.cortex_m4 import HANG_S, open_image
 from hiltest.virtual.board.k64f import board_for
+from hiltest.virtual.board.memory_map import fits
 from hiltest.virtual.calls.call_clock import CALL_HZ, check_clock
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.counts.profiling import CallProfile, profile_call
 from hiltest.virtual.model.profile_file import DEFAULT_PROFILE, load_profile
 from hiltest.virtual.part.chip import MemoryMap
-from hiltest.virtual.part.part_file import load_part
+from hiltest.virtual.part.part_file import Part, load_part
+from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.other_chips import small_part
 
 
 class ProfiledImage:
@@ -28,22 +31,23 @@ class ProfiledImage:
     memory
         Memories of another part, see `hiltest.virtual.board.memory_map`.
     part
-        Part whose memories and timing profile are used, see `hiltest.virtual.part.part_file.load_part`.
+        Part whose memories and timing profile are used, see `hiltest.virtual.part.part_file.load_part`; by default
+        one of its core for an image of a Cortex-M0 or M0+, unless `timing` is given.
     clock_hz
         Core clock [Hz], by default the highest one of the part.
 
     Attributes
     ----------
     part : Part or None
-        The chip, if it was named.
+        The chip, if it was named or has a small core.
     board : VirtualCortexM4
         The board.
 
     Raises
     ------
     ConfigError
-        If the ELF cannot be loaded, if there is no such timing profile, part or clock, or if the part has other
-        memories than `memory`.
+        If the ELF cannot be loaded, if there is no such timing profile, part or clock, if the part has other
+        memories than `memory`, or if the core of an image for Armv6-M is unknown.
     """
 
     def __init__(
@@ -55,7 +59,11 @@ class ProfiledImage:
         part: str | None = None,
         clock_hz: float | None = None,
     ) -> None:
-        self.part = chip = None if part is None else load_part(part)
+        if part is not None:
+            chip: Part | None = load_part(part)
+        else:
+            chip = None if timing is not None else _small_part(open_image(elf), memory)
+        self.part = chip
         if chip is not None and chip.memories and memory is not None:
             raise ConfigError(f"--part {part} has its own memories: leave out --memory, or name another part")
         highest_hz = CALL_HZ if chip is None else chip.clock_hz
@@ -107,3 +115,15 @@ class ProfiledImage:
         return profile_call(
             self.board, function, *arguments, timeout_s=timeout_s, clock_hz=self._clock_hz, keeps_ram=keeps_ram
         )
+
+
+def _small_part(image: FirmwareImage, memory: str | None) -> Part | None:
+    """Return the part that counts an image for a Cortex-M0 or M0+; None for another core."""
+    name = small_part(image)
+    if name is None:
+        return None
+    part = load_part(name)
+    memories = part.memory_map
+    if memories is not None and (memory is not None or not fits(memories, image)):
+        return load_part("generic-m0")  # a chip of the family with other memories, none of which waits
+    return part

@@ -154,6 +154,8 @@ class FirmwareImage:
         Files of the symbols, as the compiler named them.
     hard_float : bool
         True if its functions pass floats in float registers.
+    architecture : int
+        The build attribute Tag_CPU_arch; 0 without it.
     """
 
     def __init__(
@@ -198,7 +200,8 @@ class FirmwareImage:
     def _check_processor(self, core: Core) -> None:
         attributes = self._attributes()
         profile = attributes.get("TAG_CPU_ARCH_PROFILE", _PROFILE_M)
-        architecture, floating = attributes.get("TAG_CPU_ARCH", 0), attributes.get("TAG_FP_ARCH", 0)
+        self.architecture = architecture = attributes.get("TAG_CPU_ARCH", 0)
+        floating = attributes.get("TAG_FP_ARCH", 0)
         unit = ""
         if profile != _PROFILE_M or architecture not in core.architectures:
             unit = _ARCHITECTURES.get(architecture, "") if profile == _PROFILE_M else ""

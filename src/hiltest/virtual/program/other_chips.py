@@ -20,6 +20,8 @@ The columns of the table, whose first row is the virtual board's chip and those 
     MK64FN1M0 has none, except in rows of Kinetis.
 ``vectors``
     Numbers of exceptions that have a handler of their own and that the MK64FN1M0 does not have.
+``core``
+    ``baseline`` if its core is an Armv6-M, ``mainline`` if it is a larger one; only for chips that are alike otherwise.
 
 Source of addresses: the memory maps of the vendors' reference manuals, and their CMSIS headers.
 """
@@ -42,7 +44,7 @@ from hiltest.errors import ConfigError
 from hiltest.text import join_words
 
 if TYPE_CHECKING:
-    from hiltest.virtual.program.elf import FirmwareImage
+    from hiltest.virtual.program.elf import FirmwareImage, LoadSegment
 
 Region = tuple[int, int]
 """First address and size."""
@@ -55,11 +57,24 @@ _VECTORS = 128
 _LEAST_MARKS = 2  # because the address of a single block may be a number by chance
 _MOST_SHOWN = 3
 _WORD = re.compile(r"[a-z]+[0-9]\w*")
-_LDR, _LDR_WIDE, _MOV, _MOVW, _MOVT = 0x4800, 0xF8DF, 0xF04F, 0xF240, 0xF2C0
+_LDR, _LDR_WIDE, _MOV, _MOVW, _MOVT, _WIDE = 0x4800, 0xF8DF, 0xF04F, 0xF240, 0xF2C0, 0xF000
 _LEAST_TURNS = 8  # of MOV; smaller numbers stand for other patterns
 _PAGE = 0xFFF
 #: Virtual boards by a part of the names of their chips; the first one decides.
-_MACHINES = {"nrf51": "microbit-v1", "stm32f40": "stm32f407-disco", "stm32f4": "stm32f411-disco"}
+_MACHINES = {"nrf52": None, "nrf51": "microbit-v1", "stm32f40": "stm32f407-disco", "stm32f4": "stm32f411-disco"}
+#: Parts with the prices of a small core, by a pattern of the names of chips or of GCC's options; the first one decides.
+_SMALL_PARTS = {
+    "nrf51": "nrf51822",
+    "stm32f0|lpc11": "generic-m0",
+    r"stm32[lgc]0|rp2040|sam[dlc][012]|mk[elw]\d|kl\d|lpc8": "generic-m0plus",
+    "cortex-m0plus": "generic-m0plus",
+    "cortex-m0": "generic-m0",
+}
+_BASELINE = {11, 12}  # architectures of build attributes
+_FEWEST_CALLS = 100  # without attributes
+#: Instructions of 32 bits with immediate data for one BL: over 1 in code for a Cortex-M4, whose GCC uses them for masks
+#: and constants. Armv6-M does not have them; 0.03 in MicroPython for the micro:bit, whose data look like some.
+_LEAST_WIDE, _MOST_NARROW = 0.5, 0.1
 _FAR_HALVES = 16  # compilers schedule MOVW and MOVT of one address at most a few instructions apart
 
 
@@ -73,6 +88,11 @@ class _Chip:
     ram: tuple[Region, ...]
     blocks: tuple[Region, ...]
     vectors: tuple[int, ...]
+    core: str
+
+    def has(self, baseline: bool | None) -> bool:
+        """Return whether its core may be one of Armv6-M, or a larger one; None is unknown."""
+        return baseline is None or not self.core or (self.core == "baseline") is baseline
 
     def names_it(self, word: str) -> bool:
         return bool(self.names and re.match(self.names, word))
@@ -114,6 +134,7 @@ def _table() -> tuple[_Chip, ...]:
                 _regions(row["ram"]),
                 _regions(row["blocks"]),
                 tuple(map(int, row["vectors"].split())),
+                row["core"],
             )
             for row in csv.DictReader(file)
         )
@@ -147,14 +168,58 @@ def refuse_other_chip(image: FirmwareImage) -> None:
 def other_chip(image: FirmwareImage) -> OtherChip | None:
     """Return the chip that an image is for; None if it may be the MK64FN1M0."""
     stack, entry, vectors = _vector_table(image)
+    baseline = is_baseline(image)
     for sections in (_SYMBOL_NAMES, _DEBUG_NAMES):
         text = b"\0".join(image.section(name) for name in sections).decode("latin-1").lower()
         words = Counter(_WORD.findall(text))
-        chips = [chip for chip in _table() if stack is None or not chip.ram or _is_in(chip.ram, stack - 4)]
+        chips = [
+            chip
+            for chip in _table()
+            if chip.has(baseline) and (stack is None or not chip.ram or _is_in(chip.ram, stack - 4))
+        ]
         names = {chip: Counter({word: words[word] for word in words if chip.names_it(word)}) for chip in chips}
         if any(names.values()):
             return _most_named(names)
-    return _by_layout(image, stack, entry, vectors)
+    return _by_layout(image, stack, entry, vectors, baseline)
+
+
+def is_baseline(image: FirmwareImage) -> bool | None:
+    """Return whether an image is for Armv6-M, as a Cortex-M0 or M0+ is; None if nothing tells.
+
+    Build attributes decide. Images without them are recognised by the instructions that Armv6-M does not have.
+    """
+    if image.architecture:
+        return image.architecture in _BASELINE
+    calls = wide = 0
+    for first, second in map(_halves, image.segments):
+        is_wide = first & 0xF800 == _WIDE
+        calls += int((is_wide & (second & 0xD000 == 0xD000)).sum())
+        wide += int((is_wide & (second < 0x8000)).sum())
+    if calls < _FEWEST_CALLS or _MOST_NARROW * calls < wide < _LEAST_WIDE * calls:
+        return None
+    return wide < _LEAST_WIDE * calls
+
+
+def small_part(image: FirmwareImage) -> str | None:
+    """Return the name of the part that counts an image for Armv6-M; None if it may be for another core.
+
+    Raises
+    ------
+    ConfigError
+        If nothing tells the core.
+    """
+    if not is_baseline(image):
+        return None
+    chip = other_chip(image)
+    names = f"{chip.name} {chip.evidence}".lower() if chip else ""
+    for pattern, part in _SMALL_PARTS.items():
+        if re.search(pattern, f"{names} {image.compiler_flags}"):
+            return part
+    raise ConfigError(
+        f"{image.name}: {f'{chip}, ' if chip else ''}built for Armv6-M, and neither names nor options of the compiler "
+        "say whether for a Cortex-M0 or a Cortex-M0+, whose cycles differ: name it with --part generic-m0 or "
+        "--part generic-m0plus"
+    )
 
 
 def _most_named(names: dict[_Chip, Counter[str]]) -> OtherChip | None:
@@ -168,9 +233,11 @@ def _most_named(names: dict[_Chip, Counter[str]]) -> OtherChip | None:
     return OtherChip(name, f"it names {join_words(words, _MOST_SHOWN)}")
 
 
-def _by_layout(image: FirmwareImage, stack: int | None, entry: int, vectors: tuple[int, ...]) -> OtherChip | None:
+def _by_layout(
+    image: FirmwareImage, stack: int | None, entry: int, vectors: tuple[int, ...], baseline: bool | None
+) -> OtherChip | None:
     """Return the chips whose memories contain an image's and whose marks it has most."""
-    ours, *others = _table()
+    ours, *others = (chip for chip in _table() if chip.has(baseline))
     words = _words(image)
     fits = [chip for chip in others if _is_in(chip.flash, entry) and (stack is None or _is_in(chip.ram, stack - 4))]
     marks = {chip: _marks(chip, words, vectors) for chip in fits}
@@ -205,12 +272,12 @@ def _words(image: FirmwareImage) -> np.ndarray[Any, np.dtype[np.uint32]]:
     """Return the words of an image that may be addresses of registers: loaded literals, and those of MOVW and MOVT."""
     words = []
     for segment in image.segments:
-        halves = np.frombuffer(segment.data[: len(segment.data) // 4 * 4], "<u2").astype(np.uint32)
-        first, second = halves[:-1], halves[1:]
+        first, second = _halves(segment)
         pc = np.arange(len(first)) * 2 + 4 & ~3
         loads = (first & 0xF800 == _LDR, (first & 0xFF) * 4), (first == _LDR_WIDE, second & 0xFFC)
         targets = np.concatenate([(pc + offset)[chosen] for chosen, offset in loads])
-        words.append(np.frombuffer(halves.astype("<u2"), "<u4")[targets[targets < 2 * len(halves)] // 4])
+        data = np.frombuffer(segment.data[: len(segment.data) // 4 * 4], "<u4")
+        words.append(data[targets[targets < data.nbytes] // 4])
         number = (first & 15) << 12 | (first & 0x400) << 1 | (second & 0x7000) >> 4 | second & 0xFF
         turns, turned = (number & 0xFFF) >> 7, number & 0x7F | 0x80  # the form of MOV, which turns eight bits right
         is_mov = (first & 0xFBFF == _MOV) & (turns >= _LEAST_TURNS)
@@ -223,6 +290,12 @@ def _words(image: FirmwareImage) -> np.ndarray[Any, np.dtype[np.uint32]]:
             lower = number[near[second[near] >> 8 & 15 == second[top] >> 8 & 15][-1:]]
             words.append(number[top] << 16 | lower & 0xFFFF)
     return np.unique(np.concatenate(words))
+
+
+def _halves(segment: LoadSegment) -> tuple[np.ndarray[Any, np.dtype[np.uint32]], np.ndarray[Any, np.dtype[np.uint32]]]:
+    """Return the halfwords of whole words but the last halfword, and those behind each."""
+    halves = np.frombuffer(segment.data[: len(segment.data) // 4 * 4], "<u2").astype(np.uint32)
+    return halves[:-1], halves[1:]
 
 
 def _is_in(regions: Iterable[Region], address: int) -> bool:

@@ -41,9 +41,9 @@ class Lsm303agrA(TableSensor):
 
     def words(self, quantity: Sensed, reading: Vector) -> Counts:
         """Return left-justified words of 8, 10 or 12 bits."""
-        unused = self._unused_bits
+        unused, step_mg = self._unused_bits, self._step_mg
         limit = (1 << _WORD_BITS - 1 - unused) - 1
-        x, y, z = (limited(value * _MG_PER_G / self._step_mg, limit) << unused for value in reading)
+        x, y, z = [limited(value * _MG_PER_G / step_mg, limit) << unused for value in reading]
         return x, y, z
 
     def first_sample_s(self, quantity: Sensed) -> float:

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hiltest.errors import ConfigError
 from hiltest.world.recorded_motion import Sensed
@@ -16,17 +16,13 @@ _ROW_KEYS = frozenset({"address", "size", "value", "writes", "clears", "resets"}
 _AXES = "xyz"
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """Bits of one register with one meaning."""
 
     address: int
     mask: int
-
-    @property
-    def shift(self) -> int:
-        """Position of the lowest bit."""
-        return (self.mask & -self.mask).bit_length() - 1
+    shift: int
+    """Position of the lowest bit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +131,7 @@ def _table(content: dict[str, Any]) -> RegisterTable:
         for meaning, mask in meanings.items():
             if meaning in fields:
                 raise ValueError(f"{meaning!r} of {name} is also the meaning of other bits")
-            fields[meaning] = Field(address, mask)
+            fields[meaning] = Field(address, mask, (mask & -mask).bit_length() - 1)
         for key, mask in masks.items():
             mask[address] = row.get(key, 0)
         masks["writes"][address] |= sum(meanings.values()) | masks["clears"][address] | masks["resets"][address]

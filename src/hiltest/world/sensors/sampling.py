@@ -267,7 +267,7 @@ def along_part(body_axes: tuple[int, int, int], body: Vector) -> Vector:
     """Return a vector of the body along the axes of a part, which are given as in `SampledOutput`."""
     along = [0.0, 0.0, 0.0]
     for axis, value in zip(body_axes, body, strict=True):
-        along[abs(axis) - 1] = math.copysign(1.0, axis) * value
+        along[abs(axis) - 1] = value if axis > 0 else -value
     return along[0], along[1], along[2]
 
 

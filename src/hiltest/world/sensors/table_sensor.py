@@ -119,8 +119,8 @@ class TableSensor(RegisterDevice):
 
     def field(self, meaning: str) -> int:
         """Return the value of the bits with a meaning."""
-        field = self.table.fields[meaning]
-        return (self._stored[field.address] & field.mask) >> field.shift
+        address, mask, shift = self.table.fields[meaning]
+        return (self._stored[address] & mask) >> shift
 
     def set_field(self, meaning: str, value: int) -> None:
         """Set the bits with a meaning."""
@@ -204,7 +204,7 @@ class TableSensor(RegisterDevice):
 
     def settle(self, time_s: float) -> None:
         """End measurements that are complete."""
-        for quantity, end_s in list(self._single_end_s.items()):
+        for quantity, end_s in list(self._single_end_s.items()) if self._single_end_s else ():
             if time_s >= end_s:
                 del self._single_end_s[quantity]
                 self.finish_single(quantity)
@@ -214,8 +214,9 @@ class TableSensor(RegisterDevice):
         """Return a register's byte; addresses that the table lacks read 0."""
         address = self.locate(register)
         for output, row in zip(self.outputs, self.table.outputs, strict=True):
-            if 0 <= address - row.first < 6:
-                return output.read(address - row.first, time_s, low_first=self.table.low_first)
+            place = address - row.first
+            if 0 <= place < 6:
+                return output.read(place, time_s, low_first=self.table.low_first)
             if address == row.status:
                 return output.status(time_s)
         name, place = self.table.words.get(address, ("", 0))
@@ -246,10 +247,11 @@ class TableSensor(RegisterDevice):
         # An accelerometer measures the force that holds it: +1 g along its axis that points up.
         sign = -1 if row.quantity is Sensed.ACCELEROMETER else 1
         x, y, z = (sign * (1 if axis > 0 else -1) * in_package[abs(axis) - 1] for axis in along_body)
+        gain = row.gain_percent_per_degc / 100.0
         return SampledOutput(
             self.setup.world,
             NoiseSource(self.setup.seed, tag),
-            partial(self._measure, row),
+            partial(self._measure, row, Drift(gain_per_degc=(gain, gain, gain)), (x, y, z)),
             full_scale=row.full_scale,
             quantity=row.quantity,
             body_axes=(x, y, z),
@@ -273,18 +275,19 @@ class TableSensor(RegisterDevice):
                 if plan[1]:
                     self._single_end_s[quantity] = sample_s
 
-    def _measure(self, row: OutputRow, instant_s: float, noise: Vector) -> Counts:
-        quantity = row.quantity
-        recorded = self.setup.world.recorded(quantity, instant_s, part=self.table.part, limit=row.range)
-        gain = row.gain_percent_per_degc / 100.0
-        body = self.setup.felt(quantity, instant_s, Drift(gain_per_degc=(gain, gain, gain)))
-        sigma = self.setup.noise.get(quantity, self.noise(quantity))
-        if recorded is not None:
-            body, sigma = recorded, 0.0
-        sigmas = (sigma, sigma, sigma) if isinstance(sigma, float | int) else sigma
-        along = along_part(self.output(quantity).body_axes, body)
-        x, y, z = (
-            value + rms * standard + extra
-            for value, rms, standard, extra in zip(along, sigmas, noise, self.added(quantity), strict=True)
+    def _measure(
+        self, row: OutputRow, drift: Drift, body_axes: tuple[int, int, int], instant_s: float, noise: Vector
+    ) -> Counts:
+        quantity, setup = row.quantity, self.setup
+        body = setup.world.recorded(quantity, instant_s, part=self.table.part, limit=row.range)
+        sigma: float | Vector = 0.0
+        if body is None:
+            body, rms = setup.felt(quantity, instant_s, drift), setup.noise.get(quantity)
+            sigma = self.noise(quantity) if rms is None else rms
+        x, y, z = along_part(body_axes, body)
+        x_rms, y_rms, z_rms = sigma if isinstance(sigma, tuple) else (sigma, sigma, sigma)
+        more = self.added(quantity)
+        return self.words(
+            quantity,
+            (x + x_rms * noise[0] + more[0], y + y_rms * noise[1] + more[1], z + z_rms * noise[2] + more[2]),
         )
-        return self.words(quantity, (x, y, z))

@@ -19,10 +19,15 @@ _LINES = (1, 2, 4, 8, 16, 0x3E0, 0xFC00)
 class PinSelection(UnmodelledBlock):
     """SYSCFG, of which the selection of pins for EXTI is modelled."""
 
+    def reset(self) -> None:
+        super().reset()
+        self._selected: dict[int, int] = {}  # lines by port, which are computed when they are looked at
+
     def read(self, offset: int, size: int) -> int:
         return Block.read(self, offset, size) if self._selects(offset) else super().read(offset, size)
 
     def write(self, offset: int, size: int, value: int) -> None:
+        self._selected.clear()
         if self._selects(offset):
             Block.write(self, offset, size, value)
         else:
@@ -34,8 +39,11 @@ class PinSelection(UnmodelledBlock):
 
     def selected(self, port: int) -> int:
         """Return the lines that are connected to a port, by its number."""
-        fields = int.from_bytes(self._bytes[_EXTICR : _EXTICR + PINS], "little")
-        return sum(1 << line for line in range(PINS) if fields >> 32 * (line // 4) + 4 * (line % 4) & 15 == port)
+        if port not in self._selected:
+            fields = int.from_bytes(self._bytes[_EXTICR : _EXTICR + PINS], "little")
+            lines = (line for line in range(PINS) if fields >> 32 * (line // 4) + 4 * (line % 4) & 15 == port)
+            self._selected[port] = sum(1 << line for line in lines)
+        return self._selected[port]
 
 
 class PinInterrupts(Block):
@@ -57,7 +65,7 @@ class PinInterrupts(Block):
         self._drive()
 
     def _look(self, port: int, rose: int, fell: int) -> None:
-        edges = rose & self.word(_RTSR) | fell & self.word(_FTSR)
+        edges = (rose and rose & self.word(_RTSR)) | (fell and fell & self.word(_FTSR))
         if edges and (edges := edges & self._selection.selected(port)):
             self.change_word(_PR, put=edges)
             self._drive()

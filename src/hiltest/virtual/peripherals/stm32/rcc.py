@@ -8,6 +8,7 @@ from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.rcm import ResetSource
 from hiltest.virtual.peripherals.stm32.block import Block
+from hiltest.virtual.peripherals.unmodelled import UnmodelledLog
 from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.cpu import Processor
 
@@ -34,6 +35,13 @@ _APB = {4: 2, 5: 4, 6: 8, 7: 16}
 class ResetAndClocks(Block):
     """RCC.
 
+    Parameters
+    ----------
+    hse_hz
+        Rate of the crystal [Hz].
+    highest_hz
+        Highest core clock of the part [Hz]; a higher one is reported to the log.
+
     Attributes
     ----------
     core, pclk1, pclk2, timers1, timers2 : Clock
@@ -42,8 +50,10 @@ class ResetAndClocks(Block):
         Virtual time in picoseconds since power-on.
     """
 
-    def __init__(self, processor: Processor, module: ChipPeripheral, hse_hz: Fraction) -> None:
-        self._hse_hz = hse_hz
+    def __init__(
+        self, processor: Processor, module: ChipPeripheral, hse_hz: Fraction, highest_hz: int, log: UnmodelledLog
+    ) -> None:
+        self._hse_hz, self._highest_hz, self._log = hse_hz, highest_hz, log
         self.core, self.pclk1, self.pclk2, self.timers1, self.timers2, self.time = (
             Clock(processor.schedule, processor.now) for _ in range(6)
         )
@@ -153,6 +163,10 @@ class ResetAndClocks(Block):
         if rates == self._rates:
             return
         self._rates = rates
+        if core_hz > self._highest_hz:
+            mhz, highest_mhz = float(core_hz) / 1e6, self._highest_hz / 1e6
+            fault = f"sets a core clock of {mhz:g} MHz, above the {highest_mhz:g} MHz of the part"
+            self._log.note_fault(self.base + _CFGR, 4, settings, outcome="was stored", fault=fault)
         now = self.processor.now()
         for clock, hz in rates.items():
             clock.run_at(hz, core_hz, now)
