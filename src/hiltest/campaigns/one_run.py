@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import pytest
 
 from hiltest.errors import ConfigError
+from hiltest.processes import lacks_resources
 from hiltest.rig.bench_files import suites
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.run_record.run import Run
@@ -143,26 +145,30 @@ def run_suites(
     # Otherwise pytest warns that it came too late to rewrite the assertions of the package that started it.
     no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
     # The packaged suites may lie inside another project's tree; the root is the folder of the command nevertheless.
-    code = pytest.main(
-        [
-            str(suites(folder)),
-            "-p",
-            "hiltest",
-            "-p",
-            "no:cacheprovider",
-            "--import-mode=importlib",
-            f"--rootdir={folder}",
-            "--tb=short",
-            "--no-header",
-            "-rN",
-            "-W",
-            no_warning,
-            f"--junit-xml={out / _JUNIT_FILE}",
-            f"--hil-out={out}",
-            *options,
-        ],
-        plugins=[command, _CollectionFreezer()],
-    )
+    arguments = [
+        str(suites(folder)),
+        "-p",
+        "hiltest",
+        "-p",
+        "no:cacheprovider",
+        "--import-mode=importlib",
+        f"--rootdir={folder}",
+        "--tb=short",
+        "--no-header",
+        "-rN",
+        "-W",
+        no_warning,
+        f"--junit-xml={out / _JUNIT_FILE}",
+        f"--hil-out={out}",
+        *options,
+    ]
+    try:
+        code = pytest.main(arguments, plugins=[command, _CollectionFreezer()])
+    except OSError as error:
+        if command.run is None or not lacks_resources(error):
+            raise
+        click.echo(f"cut short: a file beside the record cannot be written: {error}", err=True)
+        code = 0
     if command.run is None:
         return int(code), None
     # A conftest may change pytest's last word, but not the verdict of the record.
