@@ -13,6 +13,7 @@ import click
 import hiltest
 from hiltest.campaigns.bisection import FirstWorse
 from hiltest.campaigns.campaign import Seeds
+from hiltest.campaigns.explanation import Explanation
 from hiltest.campaigns.several_boards import Boards
 from hiltest.commands.baseline import Saved, Updated
 from hiltest.commands.cli import every_command
@@ -27,6 +28,7 @@ from hiltest.commands.ports import Ports
 from hiltest.commands.profile_worst import Worst
 from hiltest.commands.report_export import ExportedNumbers
 from hiltest.commands.serve import Served
+from hiltest.commands.start import Started
 from hiltest.commands.timing import Measured, ProfileChecked
 from hiltest.json_files import field_descriptions, schema_text
 from hiltest.judge.judgement import JudgeDocument
@@ -57,6 +59,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.baseline-save/1": (Saved,),
     "hiltest.baseline-update/1": (Updated,),
     "hiltest.bisection/1": (FirstWorse,),
+    "hiltest.explanation/1": (Explanation,),
     "hiltest.trend/1": (TrendDocument,),
     "hiltest.report/1": (Reported,),
     "hiltest.export/1": (ExportedNumbers,),
@@ -67,6 +70,7 @@ DOCUMENTS: dict[str, tuple[type, ...]] = {
     "hiltest.ports/1": (Ports,),
     "hiltest.doctor/1": (Examined,),
     "hiltest.init/1": (Copied,),
+    "hiltest.start/1": (Started,),
     "hiltest.device-try/1": (Understood,),
     "hiltest.serve/1": (Served,),
     "hiltest.imu-calibration/1": (ImuCalibration,),
@@ -87,6 +91,7 @@ PAGES = {
     "hiltest.profile/1": "profile.md",
     "hiltest.imu-calibration/1": "calibrate.md",
     "hiltest.bisection/1": "bisect.md",
+    "hiltest.explanation/1": "mcp.md",
     "hiltest.comparison/1": "compare.md",
     "hiltest.trend/1": "trend.md",
     "hiltest.fit-imu/1": "fit-imu.md",
@@ -99,8 +104,8 @@ LONG = {"hiltest.run/1", "hiltest.fit/1", "hiltest.profile/1"}
 HEAD = """\
 # JSON of every command
 
-Every command has `--json`. Standard output is then one JSON document and nothing else, all other output goes to
-standard error, and the exit code does not change.
+Every command except `hiltest mcp` has `--json`. Standard output is then one JSON document and nothing else, all other
+output goes to standard error, and the exit code does not change.
 
 ```sh
 hiltest compare baseline.json after --json

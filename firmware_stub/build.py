@@ -29,7 +29,7 @@ SHIPPED = REPOSITORY / "src" / "hiltest" / "firmware"
 NAME = "hiltest-frdm-k64f"
 # Firmware of its own in a folder of its own, which is no source of the one above: its ELFs by what they send.
 COMPASS = "compass"
-COMPASSES = ("compass-lines", "compass-packets", "compass-lis3mdl", "compass-fxos8700cq")
+COMPASSES = ("compass-lines", "compass-packets", "compass-lis3mdl", "compass-fxos8700cq", "compass-stm32f411")
 SOURCE_SUFFIXES = {".c", ".h", ".S", ".ld", ".cmake", ".txt"}
 PLACE = "place.py"  # decides what is built, as they do
 COMPILER = "arm-none-eabi-gcc"

@@ -15,7 +15,8 @@ from pathlib import Path
 INDIRECT_CALLS = {
     "server_run": ["command_*"],
     "main": ["*_set_up"],  # of the compass, like the next
-    "measure": ["mag3110_read", "lis3mdl_read", "fxos8700_read"],
+    "measure": ["mag3110_read", "lis3mdl_read", "fxos8700_read", "lsm303agr_*_read"],
+    "say": ["i3g4250d_read"],
     "count_cycles": ["magnetometer_*"],
     "count_step_cycles": ["*_stream_add", "*_stream_remove", "point_range_add"],
     "count_report_cycles": ["*_stream_report"],

@@ -73,6 +73,7 @@ _ONLY_IN_CI = {
         "docs/test_timing_page",
         "docs/test_trend_page",
         "end_to_end/test_against",
+        "end_to_end/test_agent",
         "end_to_end/test_calibration_file",
         "end_to_end/test_device_benchmarks",
         "end_to_end/test_dishonest_firmware",

@@ -2,8 +2,9 @@
 
     python -m tests.guided_fuzz [--inputs N] [--seed S] [NAME ...]
 
-Atheris, a fuzzer on libFuzzer's engine, mutates valid inputs and keeps those that reach new branches of the package. An
-input that raises what its reader does not document ends the fuzzing of that reader, and is printed.
+Atheris, a fuzzer on libFuzzer's engine, mutates valid inputs, large ones among them, and keeps those that reach new
+branches of the package. An input that raises what its reader does not document ends the fuzzing of that reader, and is
+printed. Inputs over twice their budget of time or memory are read again without Atheris, which makes reading slow.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import contextlib
 import io
 import mmap
 import os
+import random
 import subprocess
 import sys
 import tempfile
@@ -25,8 +27,10 @@ import atheris  # type: ignore[import-not-found]
 
 # It names every module that it instruments.
 with contextlib.redirect_stderr(io.StringIO()), atheris.instrument_imports(include=["hiltest"]):
+    from tests.input_budgets import Meter, OverBudgetError, enlarged
     from tests.test_fuzzed_inputs import NAMES, Reader, every_reader
 
+_LARGE = 8  # large inputs to begin with
 _TOTALS = Struct("<QQ")  # read, refused
 
 
@@ -40,7 +44,9 @@ def main() -> int:
     failed = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        readers = every_reader(folder, _a_run(folder))
+        run = folder / "run.json"
+        run.write_bytes(_a_run(folder))
+        readers = every_reader(folder, run.read_bytes())
         for name in arguments.names or NAMES:
             inputs = max(20, round(arguments.inputs * readers[name].share))
             work, counts = folder / name.replace(" ", "-"), mmap.mmap(-1, _TOTALS.size)
@@ -53,7 +59,15 @@ def main() -> int:
             if os.waitstatus_to_exitcode(status) != 0 or not read:
                 failed.append(name)
                 print((work / "log").read_text(errors="replace"))
-    print(f"failed: {', '.join(failed)}" if failed else "each input was read, or refused as documented")
+            suspects = sorted(map(str, work.glob("over-budget-*")))
+            again = [sys.executable, "-m", "tests.input_budgets", str(run), name, *suspects]
+            if suspects and subprocess.run(again, check=False).returncode != 0:
+                failed.append(name)
+    print(
+        f"failed: {', '.join(failed)}"
+        if failed
+        else "each input was read, or refused as documented, within twice its budget"
+    )
     return 1 if failed else 0
 
 
@@ -83,24 +97,26 @@ def _alone(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mm
 
 def fuzz(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap) -> None:
     """Give a reader so many inputs."""
-    path, corpus = folder / f"fuzzed{reader.suffix}", folder / "seeds"
+    corpus, dice = folder / "seeds", random.Random(seed)
     corpus.mkdir()
-    for number, content in enumerate(reader.corpus):
+    large = [enlarged(dice, content, most_bytes=1 << 13) for content in reader.corpus[:_LARGE]]
+    for number, content in enumerate([*reader.corpus, *large]):
         (corpus / str(number)).write_bytes(content)
-    totals = [0, 0]
+    totals, meter = [0, 0], Meter()
 
     def one_input(data: bytes) -> None:
-        if reader.suffix is not None:
-            path.write_bytes(data)
         try:
-            reader.read(path if reader.suffix is not None else data)
+            meter.read(lambda: reader.take(data, folder), reader.budget, len(data))
             totals[0] += 1
         except reader.refuses:
             totals[1] += 1
+        except OverBudgetError:
+            totals[1] += 1
+            (folder / f"over-budget-{sum(totals)}").write_bytes(data)
         finally:
             counts[:] = _TOTALS.pack(*totals)
 
-    longest = max(4096, 2 * max(map(len, reader.corpus)))
+    longest = max(4096, 2 * max(map(len, [*reader.corpus, *large])))
     # No small inputs first: those of the corpus are what readers take.
     options = [f"-runs={inputs}", f"-seed={seed}", f"-max_len={longest}", "-len_control=0"]
     atheris.Setup([sys.argv[0], *options, f"-artifact_prefix={folder}/", str(corpus)], one_input)

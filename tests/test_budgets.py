@@ -7,15 +7,31 @@ import json
 import resource
 import subprocess
 import sys
+import zlib
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import regex
+from tests.hostile_elf import (
+    array_of_dimensions,
+    elf_with,
+    nested_namespaces,
+    nested_structs,
+    overlapping_line_programs,
+    static_variables,
+    units_with_one_line_program,
+)
+from tests.input_budgets import Meter
+from tests.test_fuzzed_inputs import read_debug_information
 
-from hiltest.budgets import HEX, INTERVALS, PATTERN, RECORD, RECORDING, RIG, Budget
+from hiltest.budgets import DEBUG, HEX, INTERVALS, PATTERN, RECORD, RECORDING, RIG, Budget
+from hiltest.errors import ConfigError
 from hiltest.interfaces.text_lines import Pattern, written_out_size
+from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.signatures import Element, Pointed
 
-# Reading in a process of its own: its limits are twice the budgets, beside what Python and its imports need.
+# Reading in a process of its own: its limits are twice the budgets, beside the needs of Python and its imports.
 READ = {
     "json": "from hiltest.json_files import read_json; read_json(path, otherwise='')",
     "recording": "from hiltest.tape.recorded_run import read_transcript; read_transcript(path)",
@@ -23,6 +39,7 @@ READ = {
     "rig": "from hiltest.rig.rig_file import load_rig; load_rig(path)",
     "pattern": "from hiltest.interfaces.text_lines import Pattern; Pattern(path.read_text())",
 }
+PACKED = b"ZLIB" + (1 << 28).to_bytes(8, "big") + zlib.compress(bytes(1 << 28))
 IMPORTS_S, IMPORTS_BYTES = 3.0, 512 << 20
 
 
@@ -156,6 +173,33 @@ def test_a_rig_that_is_expensive_to_parse_is_refused_within_its_budget(text: str
     path = tmp_path / "rig.toml"
     path.write_text(text)
     assert reason in read_within_budget("rig", path, RIG)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        elf_with(nested_structs(22)),
+        elf_with(nested_namespaces(300, 3000)),
+        elf_with(array_of_dimensions(4000)),
+        elf_with(static_variables(2000)),
+        elf_with(*units_with_one_line_program(500, 10_000)),
+        elf_with(*overlapping_line_programs(300, 10_000)),
+        elf_with(
+            static_variables(1), zdebug_info=b"ZLIB" + (1 << 32).to_bytes(8, "big") + zlib.compress(bytes(1 << 28))
+        ),
+    ],
+    ids=["structs", "namespaces", "dimensions", "statics", "one line program", "overlapping line programs", "packed"],
+)
+def test_small_debug_information_that_grows_as_it_is_read_stays_within_its_budget(content: bytes) -> None:
+    meter, size = Meter(), len(content)
+    with suppress(ConfigError):  # without lines there is no coverage
+        meter.read(lambda: read_debug_information(content), DEBUG, size)
+
+
+def test_structs_in_structs_have_the_numbers_of_the_innermost() -> None:
+    signature = FirmwareImage(elf_with(nested_structs(22))).signature("f")
+    assert signature is not None
+    assert signature.pointed == (Pointed("struct s21 *", frozenset({Element(True, 4)})),)
 
 
 def test_a_refusal_of_a_file_names_budget_file_and_next_step(tmp_path: Path) -> None:

@@ -22,10 +22,9 @@ from . import in_process
 
 COMMANDS = Path(commands.__file__).parent
 VERBS = """
-Accept Begin Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Export Fail Find Fit Flash Give
-Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat Require Run Save
-Search
-Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
+Accept Begin Build Calibrate Check Compare Compute Connect Copy Count Decode Diagnose End Explain Export Fail Find Fit
+Flash Give Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat
+Require Run Save Search Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
 """
 
 pytestmark = pytest.mark.slow
@@ -158,6 +157,7 @@ def test_a_full_disk_is_told_without_a_traceback(tmp_path: Path) -> None:
         (["run", "--seeds", "1..2", "--seed", "1"], "leave out --seed and --port"),
         (["run", "--seeds", "1..2", "--port", "/dev/ttyACM0"], "leave out --seed and --port"),
         (["run", "gone.elf"], "gone.elf: No such file or directory"),
+        (["run", "--firmware", "other.elf", "--", "--hil-out=mine.elf"], "other.elf: No such file or directory"),
         (["run", "gone.elf", "--firmware", "other.elf"], "two firmwares: --firmware other.elf and gone.elf"),
         (["run", "--poses", "some"], "'some' is not one of 'all', 'level'"),
         (["run", "--seed", "x"], "'--seed': 'x' is not a seed"),

@@ -1,7 +1,8 @@
 """Fuzzed inputs of every decoder and reader: each is read, or refused by an error that its docstring names.
 
-Inputs are seeded: valid ones, cut, flipped, doubled, spliced and sprinkled with what readers stumble over. How many
-is in HILTEST_FUZZED: 20 000, and 1 000 000 in tox's reliability.
+Inputs are seeded: valid ones, cut, flipped, doubled, spliced and sprinkled with what readers stumble over; some of them
+with one part repeated, counted up or nested, up to 1 MiB. None takes more than twice its budget of processor time or
+memory (hiltest.budgets). How many there are is in HILTEST_FUZZED: 20 000, and 1 000 000 in tox's reliability.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.hostile_elf import elf_with, nested_structs, overlapping_line_programs, static_variables
 from tests.imu_calibration.conftest import some_calibration
-from tests.interfaces.test_packet_stream import RECORDING, WIRES
+from tests.input_budgets import Meter, input_of
+from tests.interfaces.test_packet_stream import RECORDING as PACKETS
+from tests.interfaces.test_packet_stream import WIRES
 from tests.interfaces.test_text import SAMPLES, opened
 from tests.link.test_trace_text import REQUESTS
 from tests.log_fitting.recording import six_faces_and_turns, write
@@ -28,7 +32,23 @@ from tests.totals import printed_totals
 from hiltest.boards import ReplayBoard, default_firmware
 from hiltest.boards.gcode import GcodeError, Modals, read_block
 from hiltest.boards.served_recording import ServedRecording
+from hiltest.budgets import (
+    ARGUMENT,
+    CALIBRATION,
+    DEBUG,
+    ELF,
+    INTERVALS,
+    PART,
+    PROFILE,
+    RECORD,
+    RECORDING,
+    RIG,
+    STREAM,
+    TABLE,
+    Budget,
+)
 from hiltest.errors import CalibrationError, ConfigError, DeviceError, FrameError, HiltestError, ProtocolError
+from hiltest.interfaces.candidate_variables import variable_candidates
 from hiltest.interfaces.packet_csv import PacketRows
 from hiltest.interfaces.packet_stream import batches
 from hiltest.interfaces.packet_summary import summary_of
@@ -56,11 +76,15 @@ from hiltest.session.settings import file_name, label, seed
 from hiltest.tape.player import Player
 from hiltest.tape.recorded_run import read_transcript
 from hiltest.verdict.evidence_reader import read_evidence
+from hiltest.virtual.coverage.source_map import SourceMap
 from hiltest.virtual.model.profile_file import load_profile, shipped_profiles
 from hiltest.virtual.part.part_file import load_part, shipped_parts
 from hiltest.virtual.profiling.arguments import parse_argument
 from hiltest.virtual.program.elf import FirmwareImage
 
+# One in so many inputs is large, and the first of each reader: the large ones take as long as all others.
+LARGE_SHARE = 1 / 1000
+FEWEST_LARGE = 5
 INPUTS = int(os.environ.get("HILTEST_FUZZED", "20000"))
 BASELINES = Path(__file__).parents[1] / "hil" / "baselines"
 # What readers stumble over: ends, quotes, numbers that are none, words that mean something.
@@ -131,6 +155,8 @@ class Reader:
         Share of all inputs.
     suffix : str
         Of the file; without one it reads bytes.
+    budget : Budget
+        What one input may cost.
     """
 
     read: Callable[..., object]
@@ -138,6 +164,14 @@ class Reader:
     corpus: Sequence[bytes]
     share: float
     suffix: str | None = None
+    budget: Budget = STREAM
+
+    def take(self, content: bytes, folder: Path) -> object:
+        """Read an input, in a folder for the file that it may have to stand in."""
+        if self.suffix is None:
+            return self.read(content)
+        (folder / f"fuzzed{self.suffix}").write_bytes(content)
+        return self.read(folder / f"fuzzed{self.suffix}")
 
 
 def _frames(data: bytes) -> None:
@@ -240,6 +274,15 @@ def _proposed(path: Path) -> None:
     tomllib.loads(rig_text(proposals, kind, base, name="mine", firmware=str(path), choose=None))
 
 
+def read_debug_information(content: bytes) -> None:
+    """Read all debug information: signatures, variables, and the lines of the code."""
+    image = FirmwareImage(content)
+    for function in ("f", "main", *image.symbols):
+        image.signature(function)
+    assert all(candidate.written for candidate in variable_candidates(image)[0])
+    SourceMap(image)
+
+
 @pytest.fixture(scope="session")
 def readers(tmp_path_factory: pytest.TempPathFactory, default_run) -> dict[str, Reader]:
     return every_reader(tmp_path_factory.mktemp("corpus"), (default_run.folder / "run.json").read_bytes())
@@ -278,10 +321,16 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         transcript.add(1.5, Direction.TO_BOARD, wire)
     transcript.write(folder / "wire.jsonl")
     intervals = b'{"x_p": {"start": 5, "end": 12}, "x_rot": {"start": 20, "end": 31}}'
+    debugged = [
+        compass.read_bytes(),
+        elf_with(nested_structs(20)),
+        elf_with(static_variables(50)),
+        elf_with(*overlapping_line_programs(1, 100)),
+    ]
     config, data = (ConfigError,), (ConfigError, CalibrationError)
     return {
         "frames": Reader(_frames, (), wires, 0.22),
-        "packets": Reader(_packets, (), [*WIRES, RECORDING], 0.05),
+        "packets": Reader(_packets, (), [*WIRES, PACKETS], 0.05),
         "lines of text": Reader(_text, (), ["\r\n".join(lines).encode() for _, lines in SAMPLES.values()], 0.02),
         "stuffing": Reader(_unstuffed, (FrameError,), wires, 0.10),
         "replies": Reader(_reply, (ProtocolError, DeviceError), replies, 0.25),
@@ -298,35 +347,60 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
         "arguments": Reader(
             lambda item: parse_argument(item.decode("utf-8", errors="replace")),
             config,
-            [b"f32:1,2.5,-3", b"zeros:i16:40", b"text:123", b"0x1F", b"1e-3"],
+            [b"float32:1,2.5,-3+ptr:int8:1", b"zeros:int16:40", b"text:123", b"0x1F", b"1e-3"],
             0.03,
+            budget=ARGUMENT,
         ),
-        "JSON": Reader(parse_json, (ValueError,), [b'{"a": [1, 2.5e3, null, {"b": "c"}]}', intervals], 0.02),
-        "samples": Reader(_samples, data, [points, *forms], 0.01, ".csv"),
-        "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv"),
-        "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv"),
-        "intervals": Reader(lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json"),
+        "JSON": Reader(
+            parse_json, (ValueError,), [b'{"a": [1, 2.5e3, null, {"b": "c"}]}', intervals], 0.02, budget=RECORD
+        ),
+        "samples": Reader(_samples, data, [points, *forms], 0.01, ".csv", budget=TABLE),
+        "rate logs": Reader(read_rate_log, data, [rates, *forms], 0.005, ".csv", budget=TABLE),
+        "IMU logs": Reader(read_imu_log, data, [imu, *forms], 0.002, ".csv", budget=TABLE),
+        "intervals": Reader(
+            lambda path: listed_intervals(log, path), config, [intervals], 0.002, ".json", budget=INTERVALS
+        ),
         "recorded runs": Reader(
-            _replayed, (HiltestError,), [_recording("by-hand"), _recording("text-skipped")], 0.001, ".jsonl"
+            _replayed,
+            (HiltestError,),
+            [_recording("by-hand"), _recording("text-skipped")],
+            0.001,
+            ".jsonl",
+            budget=RECORDING,
         ),
-        "transcripts": Reader(Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl"),
-        "timing profiles": Reader(lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml"),
-        "part files": Reader(lambda path: load_part(str(path)).timing(), config, parts, 0.002, ".toml"),
-        "rigs": Reader(load_rig, config, rigs, 0.004, ".toml"),
+        "transcripts": Reader(
+            Transcript.read, config, [(folder / "wire.jsonl").read_bytes()], 0.002, ".jsonl", budget=RECORDING
+        ),
+        "timing profiles": Reader(
+            lambda path: load_profile(str(path)), config, profiles, 0.002, ".toml", budget=PROFILE
+        ),
+        "part files": Reader(lambda path: load_part(str(path)).timing(), config, parts, 0.002, ".toml", budget=PART),
+        "rigs": Reader(load_rig, config, rigs, 0.004, ".toml", budget=RIG),
         "baselines": Reader(
-            read_evidence, config, [path.read_bytes() for path in BASELINES.glob("*.json")] + [run], 0.0005, ".json"
+            read_evidence,
+            config,
+            [path.read_bytes() for path in BASELINES.glob("*.json")] + [run],
+            0.0005,
+            ".json",
+            budget=RECORD,
         ),
-        "records": Reader(read_record, config, [run], 0.0005, ".json"),
-        "calibration files": Reader(load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json"),
+        "records": Reader(read_record, config, [run], 0.0005, ".json", budget=RECORD),
+        "calibration files": Reader(
+            load_calibration, config, [to_json(some_calibration()).encode()], 0.002, ".json", budget=CALIBRATION
+        ),
         "recordings": Reader(
             lambda path: read_playback(path, PlaybackFile(path.name)),
             config,
-            [points_at, rates, RECORDING, *forms],
+            [points_at, rates, PACKETS, *forms],
             0.005,
             ".csv",
+            budget=TABLE,
         ),
-        "rigs of ELF files": Reader(_proposed, config, [compass.read_bytes()], 0.0005),
-        "ELF files": Reader(FirmwareImage, config, [default_firmware().read_bytes()], 0.0005),
+        "rigs of ELF files": Reader(_proposed, config, [compass.read_bytes()], 0.0005, budget=DEBUG),
+        "debug information": Reader(
+            read_debug_information, config, [compass.read_bytes(), *debugged], 0.0005, budget=DEBUG
+        ),
+        "ELF files": Reader(FirmwareImage, config, [default_firmware().read_bytes()], 0.0005, budget=ELF),
     }
 
 
@@ -345,6 +419,7 @@ NAMES = (
     "arguments",
     "baselines",
     "calibration files",
+    "debug information",
     "frames",
     "intervals",
     "lines of text",
@@ -376,22 +451,19 @@ def test_every_reader_has_its_share(readers: dict[str, Reader]) -> None:
 def test_every_input_is_read_or_refused_as_documented(
     readers: dict[str, Reader], totals: Counter[str], tmp_path: Path, name: str
 ) -> None:
-    reader = readers[name]
-    path = tmp_path / f"fuzzed{reader.suffix}"
+    reader, meter = readers[name], Meter()
     for number in range(max(20, round(INPUTS * reader.share))):
         dice = random.Random(f"{name} {number}")
         totals["inputs"] += 1
-        data = mutated(dice, dice.choice(reader.corpus), reader.corpus)
-        arguments: bytes | Path = data
-        if reader.suffix is not None:
-            path.write_bytes(data)
-            arguments = path
+        data = input_of(dice, reader, mutated, LARGE_SHARE if number >= FEWEST_LARGE else 1.0)
         try:
-            reader.read(arguments)
+            meter.read(lambda data=data: reader.take(data, tmp_path), reader.budget, len(data))  # type: ignore[misc]
             totals[f"{name} read"] += 1
         except reader.refuses:
             totals[f"{name} refused"] += 1
-        except Exception as error:
+        except BaseException as error:
             error.add_note(f"{name} {number}: {data[:200]!r}")
             raise
+    totals[f"{name} % of the budget of time"] = round(100 * meter.time_share)
+    totals[f"{name} % of the budget of memory"] = round(100 * meter.memory_share)
     assert totals[f"{name} read"], "the corpus is none: nothing was read"

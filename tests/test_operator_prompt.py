@@ -62,10 +62,10 @@ def test_what_is_beside_a_question_is_drawn_behind_it_until_a_line_is_typed() ->
     assert shown.count("look 2") == 1
 
 
-def test_one_line_is_taken_and_the_next_is_of_the_next_question() -> None:
+def test_keys_that_are_pressed_before_a_question_do_not_answer_it() -> None:
     with at_a_terminal() as keyboard:
-        assert asked_with(keyboard, b"s\n91\n", looks=1)[0] == "s"
-        assert ask(Question("Enter: ", lambda: "nothing is asked of a board")) == "91"
+        assert asked_with(keyboard, b"s\n91\n\n", looks=1)[0] == "s"
+        assert asked_with(keyboard, b"12\n", looks=2)[0] == "12"
 
 
 def test_the_end_of_a_terminal_is_an_absent_operator() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -11,6 +14,7 @@ from hiltest.errors import ConfigError
 from hiltest.link.transcript import Direction
 from hiltest.path_names import path_below, path_in
 from hiltest.session.wire_traces import WireTraces
+from hiltest.tape.recorded_run import read_transcript
 
 NAMES = ["", ".", "..", "...", "/etc", "a/b", "a\\b", "C:", "a\0", "a\n", "nul", "COM1.json", "x.", "x ", "y" * 201]
 
@@ -49,3 +53,18 @@ def test_a_trace_is_not_written_through_a_link(tmp_path: Path) -> None:
     assert list((tmp_path / "elsewhere").iterdir()) == []
     (tmp_path / "out" / "traces").unlink()
     assert (tmp_path / "out" / traces.keep("test_a", "call", ValueError(), about="a board")).exists()
+
+
+@pytest.mark.parametrize("name", ["/home/../etc/rig.toml", "C:\\rigs\\..\\rig.toml", "rig\x1b[2J.toml", "a\nb"])
+def test_a_recording_whose_rig_leads_elsewhere_is_refused_and_one_from_any_system_is_not(
+    name: str, tmp_path: Path
+) -> None:
+    recording = Path(__file__).parents[1] / "fixtures" / "recordings" / "by-hand.jsonl.gz"
+    header, _, rest = gzip.decompress(recording.read_bytes()).partition(b"\n")
+    content = json.loads(header)
+    for rig_file, refused in ((name, True), ("C:\\bench\\rig.toml", False)):
+        content["recorded"]["rig_file"] = rig_file
+        path = tmp_path / "other.jsonl"
+        path.write_bytes(json.dumps(content).encode() + b"\n" + rest)
+        with pytest.raises(ConfigError, match="leads elsewhere") if refused else nullcontext():
+            assert read_transcript(path)[0].rig_file == rig_file

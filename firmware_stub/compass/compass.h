@@ -32,6 +32,8 @@ typedef struct {
     float field[3];   /**< the same without the iron [counts] */
     float heading_deg, pitch_deg, roll_deg;
     bool has_heading; /**< else the three angles mean nothing */
+    float rate_dps[3];
+    bool has_rate; /**< else there is no gyroscope, or it is silent */
 } compass_state_t;
 
 /** No points, and no iron: what a background_t begins with. */
@@ -44,5 +46,8 @@ void iron_remove(const iron_t *iron, const float raw[3], float field[3]);
 /** Say what is known, or what is wrong; waits while the UART still has the words of before. */
 void output_state(const compass_state_t *state, const background_t *background);
 void output_error(const char *what);
+
+/** Answer a typed line. */
+void output_answer(const char *text);
 
 #endif

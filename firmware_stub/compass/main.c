@@ -5,6 +5,7 @@
  * output_lines.c.
  */
 #include <math.h>
+#include <stddef.h>
 
 #include "boards/board.h"
 #include "boards/time_base.h"
@@ -12,10 +13,12 @@
 #include "orientation/tilt_heading.h"
 #include "sensors.h"
 #include "sensors/sensor.h"
+#include "store.h"
 
-#define SAMPLES_A_STATE 8 /* of 80 a second; their mean has a third of the noise */
+#define SAMPLES_A_STATE 8 /* of 80 to 100 a second; their mean has a third of the noise */
 
 static background_t background = BACKGROUND_START;
+static bool has_gyroscope;
 
 static bool set_up(const compass_sensor_t *sensor)
 {
@@ -36,6 +39,7 @@ static void say(const float field_ut[3], const float gravity[3])
     }
     iron_remove(&background.iron, state.raw, state.field);
     state.has_heading = tilt_heading(state.gravity, state.field, &state.heading_deg, &state.pitch_deg, &state.roll_deg) == TILT_OK;
+    state.has_rate = has_gyroscope && gyroscope.read(state.rate_dps);
     output_state(&state, &background);
 }
 
@@ -60,13 +64,30 @@ static bool measure(void)
     return true;
 }
 
+/** Save the calibration when the line SAVE asks for it. */
+static void obey(void)
+{
+    if (typed_line_is("SAVE")) {
+        if (background.iron.strength == 0.0f) {
+            output_error("SAVE: not calibrated yet");
+        } else if (store_save(&background.iron)) {
+            output_answer("SAVED");
+        } else {
+            output_error("SAVE: the flash did not take it");
+        }
+    }
+}
+
 int main(void)
 {
     board_start();
     sleep_until_us(SENSOR_BOOT_US);
+    (void)store_load(&background.iron);
     for (;;) {
+        has_gyroscope = gyroscope.set_up != NULL && set_up(&gyroscope);
         if (set_up(&magnetometer) && set_up(&accelerometer)) {
             while (measure()) {
+                obey();
             }
             output_error("a sensor fell silent");
         }

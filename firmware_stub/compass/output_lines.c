@@ -6,7 +6,7 @@
 #include "boards/uart.h"
 #include "compass.h"
 
-static char line[200]; /* the longest has some 140 */
+static char line[200]; /* the longest has some 170 */
 static uint32_t length;
 
 static void put(const char *text)
@@ -77,6 +77,15 @@ void output_state(const compass_state_t *state, const background_t *background)
     put_vector(" RAW=", state->raw, UT_PER_COUNT, 2);
     put_vector(" MAG=", state->field, UT_PER_COUNT, 2);
     put_vector(" ACC=", state->gravity, 1.0f, 4);
+    if (state->has_rate) {
+        put_vector(" GYR=", state->rate_dps, 1.0f, 2);
+    }
+    send();
+}
+
+void output_answer(const char *text)
+{
+    put(text);
     send();
 }
 

@@ -51,7 +51,9 @@ from hiltest.procedures import (
     store_streams,
     store_untrimmed,
 )
+from hiltest.procedures.fewest_poses import plan_fewest_poses
 from hiltest.procedures.imu_calibration import ImuCalibration
+from hiltest.procedures.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.procedures.imu_calibration.on_board import store_calibration
 from hiltest.procedures.reported_headings import (
     FIRMWARE,
@@ -60,6 +62,7 @@ from hiltest.procedures.reported_headings import (
     measure_reported_angles,
     tumble_until_calibrated,
 )
+from hiltest.procedures.tumble import poor_coverage
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import DEFAULT_RIG, shipped
 from hiltest.rig.rig_file import load_rig
@@ -99,6 +102,13 @@ WITH_REQUESTS = frozenset(ORDER) - {"test_heading", "test_reports"}
 WITHOUT_REQUESTS = frozenset({"test_reports"})
 # Fixtures that send requests: tests that use them are skipped for firmware that reports by itself.
 REQUESTED = frozenset({"tumble", "calibrations"})
+
+# Limit for calibrators without a limit in the rig: the thesis' goal for a compass heading. Measurements under
+# [information] have no limit.
+GOAL = Limit(max=2.0)
+# Bias allowed beyond the uncertainty of the mounting or of hand-set angles [deg], as in the shipped rigs. A bias up to
+# this value is within the limit despite that uncertainty.
+BIAS_BEYOND_MOUNTING_DEG = 0.5
 
 # Fewest poses (of 16 readings each) that the calibration against gravity accepts as well.
 STILL_POSES = 40
@@ -237,7 +247,14 @@ def tumble(
 ) -> Tumble:
     """Magnetometer points that the board collected while it was turned in all directions."""
     by_hand = request.config.stash[SESSION].hand_journal
-    collect = partial(collect_tumble, board, turntable, points=rig.procedure.tumble_points, progress=hil_progress)
+    collect = partial(
+        collect_tumble,
+        board,
+        turntable,
+        points=rig.procedure.tumble_points,
+        refuse=partial(poor_coverage, rig=rig),
+        progress=hil_progress,
+    )
     return by_hand.tumble(board, collect) if by_hand else collect()
 
 
@@ -323,6 +340,26 @@ def uncalibrated_angles(board: Board, request: pytest.FixtureRequest) -> tuple[K
 
 
 @pytest.fixture(scope="session")
+def limits_of_calibration(board: Board, rig: Rig, request: pytest.FixtureRequest) -> Callable[[str], dict[str, Limit]]:
+    """Return a function that gives the default limits of a source of headings, by statistic.
+
+    A streaming calibrator has none, because its accuracy depends on the points so far.
+    """
+
+    def limits(source: str) -> dict[str, Limit]:
+        if not board.answers_requests:
+            return {"max": GOAL}
+        if source not in request.getfixturevalue("calibrations") and source not in (DPI, JOINT, CALIBRATION_FILE):
+            return {}
+        by_hand_deg = rig.guard_band_deg(f"heading.{JOINT}.bias")
+        mounting_deg = rig.mounting and rig.mounting.uncertainty_deg
+        bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG)
+        return {"max": GOAL, "max_centred": GOAL, "bias": bias}
+
+    return limits
+
+
+@pytest.fixture(scope="session")
 def requested_angles(
     board: Board,
     turntable: Turntable,
@@ -335,6 +372,7 @@ def requested_angles(
     hil_calibration: ImuCalibration | None,
     hil_settings: Settings,
     hil_progress: Progress,
+    limits_of_calibration: Callable[[str], dict[str, Limit]],
     request: pytest.FixtureRequest,
 ) -> RequestedAngles:
     """Headings that the board answers at known angles with each calibration."""
@@ -351,15 +389,18 @@ def requested_angles(
         slots |= store_calibration(board, hil_calibration, slot=1 + max(slots.values()))
     stream_slots = store_streams(board, streams, first_slot=1 + max(slots.values()))
     store_accelerometer(board, accelerometer_fit, list(stream_slots.values()))
+    poses = rig.procedure.known_angle_poses(hil_settings.poses)
+    limits = {source: limits_of_calibration(source) for source in slots | stream_slots if source != UNCALIBRATED}
     return measure_known_angles(
         board,
         turntable,
-        poses=rig.procedure.known_angle_poses(hil_settings.poses),
+        poses=poses,
         slots=slots | stream_slots,
         mounting_yaw_deg=rig.mounting.yaw_deg if rig.mounting else 0.0,
         readings=rig.procedure.readings_per_pose,
         progress=hil_progress,
         journal=request.config.stash[SESSION].hand_journal,
+        fewest=plan_fewest_poses(board, rig, poses, limits),
     )
 
 

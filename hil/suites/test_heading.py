@@ -14,8 +14,6 @@ from hiltest.calibration.heading_bound import HeadingBound
 from hiltest.link.replies import SensorKind
 from hiltest.measurement import Limit
 from hiltest.procedures import (
-    DPI,
-    JOINT,
     UNCALIBRATED,
     CalibratorRun,
     KnownAngles,
@@ -24,7 +22,6 @@ from hiltest.procedures import (
     float32_error_deg,
 )
 from hiltest.procedures.expected_errors import expected_errors, refuse_impossible_errors
-from hiltest.procedures.imu_calibration.on_board import NAME as CALIBRATION_FILE
 from hiltest.procedures.reported_headings import FIRMWARE, ReportedAngles
 from hiltest.rig import Rig
 from hiltest.session.fixtures import Measure
@@ -32,15 +29,9 @@ from hiltest.world import EarthField
 
 pytestmark = pytest.mark.hil
 
-# Limit for calibrators without a limit in the rig: the thesis' goal for a compass heading. Measurements under
-# [information] have no limit.
-GOAL = Limit(max=2.0)
 # Limit for headings that are computed from the field and the calibration that the firmware reports. A larger error
 # means that they do not match its reported heading: a field in whole uT errs by 2 degrees, exchanged numbers by over 7.
 CONSISTENT = Limit(max=5.0)
-# Bias allowed beyond the uncertainty of the mounting or of hand-set angles [deg], as in the shipped rigs. A bias up to
-# this value is within the limit despite that uncertainty.
-BIAS_BEYOND_MOUNTING_DEG = 0.5
 
 
 def test_points_cover_the_sphere(board: Board, tumble: Tumble, rig: Rig, measure: Measure) -> None:
@@ -91,31 +82,44 @@ def test_heading_at_known_angles(
     board: Board,
     rig: Rig,
     measure: Measure,
+    limits_of_calibration: Callable[[str], dict[str, Limit]],
     record_settings: Callable[..., int | None],
     request: pytest.FixtureRequest,
 ) -> None:
     # The mounting turns every heading, so only a centred error can be checked without a declared mounting.
     missing = known_angles.not_measured
+    if known_angles.decision:
+        measure("heading.poses", len(known_angles.poses), note=known_angles.decision)
     not_checked = missing or ("" if rig.mounting else "the rig declares no mounting")
     for source in known_angles.heading_deg:
         if source == UNCALIBRATED:
             continue
         errors = known_angles.summary(source)
         if isinstance(known_angles, RequestedAngles):
-            limit = limits_of_calibration(source, request.getfixturevalue("calibrations"), rig)
+            limit = limits_of_calibration(source)
         else:
-            limit = {"max": GOAL if source == FIRMWARE else CONSISTENT}
+            limit = limits_of_calibration(source) if source == FIRMWARE else {"max": CONSISTENT}
         limit = {name: range_ for name, range_ in limit.items() if f"heading.{source}.{name}" not in rig.information}
-        measure(f"heading.{source}.max", errors.max_deg, "deg", limit=limit.get("max"), not_checked=not_checked)
-        measure(f"heading.{source}.rms", errors.rms_deg, "deg", not_checked=not_checked)
-        bias_deg, centred_deg = value_or_nan(errors.bias_deg), value_or_nan(errors.max_centred_deg)
-        measure(f"heading.{source}.bias", bias_deg, "deg", limit=limit.get("bias"), not_checked=not_checked)
-        measure(
-            f"heading.{source}.max_centred", centred_deg, "deg", limit=limit.get("max_centred"), not_checked=missing
-        )
+        values = {
+            "max": errors.max_deg,
+            "rms": errors.rms_deg,
+            "bias": value_or_nan(errors.bias_deg),
+            "max_centred": value_or_nan(errors.max_centred_deg),
+        }
+        estimates = known_angles.estimates.get(source, {})
+        for statistic, value in values.items():
+            reason = missing if statistic == "max_centred" else not_checked
+            name = f"heading.{source}.{statistic}"
+            if statistic in estimates:
+                value, uncertainty = estimates[statistic]
+                measure(name, value, "deg", limit=limit.get(statistic), uncertainty=uncertainty)
+            else:
+                measure(name, value, "deg", limit=limit.get(statistic), not_checked=reason)
         measure(f"heading.{source}.worst_sector", errors.worst_sector.start_deg, "deg")
         measure(f"heading.{source}.tilt_sensitivity", errors.tilt_sensitivity_deg, "deg")
     measure.table(*table_of_poses(known_angles))
+    if known_angles.unset:
+        measure.table("heading.unset", {"pose": "", "fault": ""}, map(list, known_angles.unset.items()))
     measure.table(*table_of_true_vectors(known_angles, rig))
     if isinstance(known_angles, RequestedAngles):
         record_evidence(known_angles, measure)
@@ -137,19 +141,6 @@ def test_heading_at_known_angles(
     not_offered = "" if registers else "this board does not show the registers of its sensors"
     measure("sensor.registers", registers, "", not_offered=not_offered)
     refuse_impossible_errors(known_angles, bounds)
-
-
-def limits_of_calibration(name: str, calibrations: dict[str, CalibratorRun], rig: Rig) -> dict[str, Limit]:
-    """Return the default limits of a calibration.
-
-    A streaming calibrator has none, because its accuracy depends on the points so far.
-    """
-    if name not in calibrations and name not in (DPI, JOINT, CALIBRATION_FILE):
-        return {}
-    by_hand_deg = rig.guard_band_deg(f"heading.{JOINT}.bias")
-    mounting_deg = rig.mounting and rig.mounting.uncertainty_deg
-    bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG)
-    return {"max": GOAL, "max_centred": GOAL, "bias": bias}
 
 
 def table_of_poses(known_angles: KnownAngles) -> tuple[str, dict[str, str], list[list[object]]]:

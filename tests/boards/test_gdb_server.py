@@ -637,3 +637,17 @@ def test_the_body_of_an_http_request_is_not_obeyed_and_halts_nothing(debugged: D
     assert debugged.machine.processor.memory.read(0x20000000, 4) != bytes.fromhex("deadbeef")
     with debugged.client() as client:
         assert client.ask(b"qAttached") == b"1"
+
+
+def test_away_from_loopback_gdb_is_let_in_by_the_token_only(elf: Path) -> None:
+    machine = VirtualK64F(elf)
+    machine.boot()
+    with GdbServer(machine, 0, host="0.0.0.0") as server:
+        with GdbClient(server.port) as stranger:
+            stranger.socket.sendall(b"$?#3f" * 10)
+            with suppress(ConnectionResetError):
+                assert stranger.socket.recv(100) == b""
+        assert not server.connected
+        with GdbClient(server.port) as client:
+            client.socket.sendall(f"{server.token}\n".encode())
+            assert client.ask(b"qAttached") == b"1"

@@ -15,6 +15,7 @@ import serial
 
 from hiltest.boards.served_lines import REFUSAL, PseudoTerminal, TcpLine, port_link
 from hiltest.errors import ConfigError
+from hiltest.link.ports import open_port
 
 WALL_LIMIT_S = 10.0  # for what takes a millisecond
 
@@ -183,3 +184,25 @@ def test_a_link_stays_for_its_time_and_replaces_only_what_an_earlier_start_left(
         link.unlink()
         link.symlink_to("elsewhere")
     assert os.readlink(link) == "elsewhere"
+
+
+def test_away_from_loopback_a_client_is_let_in_by_the_token_and_others_hold_nobody_up() -> None:
+    line = TcpLine("0.0.0.0", 0)
+    address = ("127.0.0.1", line.port)
+    strangers = [socket.create_connection(address, timeout=WALL_LIMIT_S) for _ in range(3)]
+    strangers[0].sendall(b"POST / HTTP/1.1\r\n\r\n")
+    strangers[1].sendall(b"0" * 33)
+    for stranger in strangers[:2]:
+        while not select.select([stranger], [], [], 0.01)[0]:
+            assert line.receive(100) == b""
+        with contextlib.suppress(ConnectionResetError):
+            assert stranger.recv(100) == b""
+    assert not line.connected
+    token = line.url.removeprefix("socket://").partition("@")[0]
+    assert len(token) == 32
+    with open_port(f"socket://{token}@127.0.0.1:{line.port}") as client:
+        client.write(b"me")
+        assert until(line, lambda heard: heard == b"me") == b"me"
+    for stranger in strangers:
+        stranger.close()
+    line.close()

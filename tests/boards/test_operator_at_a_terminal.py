@@ -45,26 +45,41 @@ def measured(rig_file: Path) -> dict[str, Any]:
     return {measurement["name"]: measurement["value"] for measurement in record["measurements"]}
 
 
-def test_an_operator_is_asked_again_for_a_wrong_face_and_the_headings_are_judged(
+def test_an_operator_is_asked_again_for_each_slip_and_the_headings_are_judged(
     pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path, at_a_terminal: Callable[..., Any]
 ) -> None:
     paced = pty_board(rig)
     faces: list[str] = []
+    poses: list[str] = []
+    tumbles: list[bool] = []
 
     def answer(question: str) -> str:
         pose = re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question)
         if pose:
-            paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
+            poses.append(pose[1])
+            if poses[-2:] != ["0", "90"]:  # the first time it is not turned on
+                paced.bench.turn_to(Pose(*(float(angle) for angle in pose.groups())))
+            return "\n\n\n" if pose[1] == "180" else "\n"  # keys ahead answer nothing
         elif face := re.search(r"put the board (.+), square on", question):
             faces.append(face[1])
             put = "level" if faces == ["nose down", "nose up"] else face[1]  # wrong the first time
             paced.bench.turn_to(next(face.pose for face in FACES if FACE_WORDS[face] == put))
         elif "all round" in question:
-            paced.tumble_by_hand()
+            tumbles.append("Enter to begin" in question)
+            if len(tumbles) > 1:  # the first time it stays on the table
+                paced.tumble_by_hand()
         return "\n"
 
     ended = at_a_terminal(command(operators_rig_file, paced.path), operators_rig_file.parent, answer)
     assert ended.code == 0, ended.shown
+    assert len(tumbles) == 2
+    assert "the tumble covers 0% of the sphere, at least 50% is needed: the points are no sphere" in ended.shown
+    assert poses == ["0", "90", "90", "180", "270"]
+    assert "you did not turn: field and gravity are those of pose 1, heading 0" in ended.shown
+    # Each question begins a line of its own, and the first says where the axes point.
+    assert re.search(
+        r"[\r\n]Axes of the board: x points to its nose, .*z through it, down when it is level", ended.shown
+    )
     assert "pose 4: turn to heading 270" in ended.shown
     # Beside each question, drawn in place.
     assert re.search(r"board \d+\.\d deg, (still|moving); 3 of 4, \d+ s left\x1b\[K", ended.shown)

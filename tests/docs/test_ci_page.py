@@ -44,6 +44,7 @@ FIRMWARE = ROOT / "firmware_stub"
 ELF = Path("build") / "mine.elf"
 RUN = "Run on the virtual board"
 REVIEW = "Review the changes to the baseline"
+COMMENT = "Comment on the pull request"
 SHAS = {"green": "a" * 40, "red": "b" * 40}
 
 # Of three runs on the main branch; the record of one is gone.
@@ -121,7 +122,7 @@ def run_job(folder: Path, sha: str) -> dict[str, Ran]:
         red = any(item.code for item in ran.values())
         if "run" not in step or (red and "!cancelled()" not in step.get("if", "")):
             continue
-        if "github.base_ref" in step.get("if", ""):
+        if "github.base_ref" in step.get("if", "") or step["name"] == COMMENT:
             continue  # of a pull request
         summary = folder.parent / f"summary-{number}.md"  # one of its own a step, as GitHub has it
         command = "true" if step["run"] in (INSTALL, INSTALL_COMPILER) else step["run"]
@@ -199,11 +200,20 @@ def test_only_installations_are_replaced() -> None:
 
 def test_the_job_builds_what_the_set_up_builds_and_tests_that() -> None:
     (build,) = [step["run"] for step in JOB["steps"] if step.get("name") == "Build the firmware"]
-    assert build.splitlines() == SET_UP[:2]
-    runs = [shlex.split(item) for item in (*SET_UP, *WHEN_WORSE) if item.startswith("hiltest run")]
-    assert [run[2:4] for run in runs] == [["--firmware", WITH["firmware"]]] * 2
+    start = shlex.split(SET_UP[2])
+    assert start[:3] == ["hiltest", "start", WITH["firmware"]]
+    assert build.strip() == start[start.index("--build") + 1] == " && ".join(SET_UP[:2])
     assert (WITH["firmware"], WITH["baseline"]) == (str(ELF), str(BASELINE))
     assert WHEN_WORSE[0] == f"hiltest run --firmware {ELF} --baseline {BASELINE}", "as the action does it"
+
+
+def test_start_writes_the_workflow_of_the_page_and_replaces_no_file(set_up: Path) -> None:
+    written = set_up / ".github" / "workflows" / "hiltest.yml"
+    assert written.read_text(encoding="utf-8") == WORKFLOW_TEXT
+    assert (set_up / ".gitignore").read_text(encoding="utf-8") == "hil-out/\n"
+    before = {path: path.stat().st_mtime_ns for path in (written, set_up / BASELINE, set_up / ".gitignore")}
+    assert sh(SET_UP[2], set_up).returncode == 0
+    assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
 def test_the_job_is_green_for_the_firmware_as_it_was_and_shows_its_report(green: tuple[Path, dict[str, Ran]]) -> None:
@@ -237,7 +247,7 @@ def test_a_red_job_still_keeps_its_record(red: tuple[Path, dict[str, Ran]]) -> N
     assert "!cancelled()" in upload["if"]
     names = {path.name for path in (folder / upload["with"]["path"]).iterdir()}
     assert {"run.json", "report.html", "report.md", "junit.xml", "numbers.bmf"} <= names
-    assert len(list(commands())) - 1 == len(ran), "the baseline is reviewed in a pull request"
+    assert len(list(commands())) - 2 == len(ran), "the baseline is reviewed, and the comment written, in a pull request"
 
 
 def test_the_baseline_that_the_page_saves_is_the_committed_one_of_the_same_seed(set_up: Path) -> None:
@@ -386,12 +396,65 @@ def test_the_page_names_the_inputs_of_the_action() -> None:
     assert re.findall(r"^\| `([\w-]+)` \|", PAGE, re.M) == list(ACTION["inputs"])
 
 
-def test_the_workflow_needs_no_token_and_runs_nothing_that_a_stranger_names() -> None:
+# Stands in for GitHub: it keeps one comment in a file, and its reader applies no filter but that of the author.
+GH_COMMENTS = """#!/bin/sh
+printf '%s\\n' "$*" >>calls
+case "$*" in
+*--jq*) if [ -f denied ]; then exit 1; elif [ -f comment ]; then echo 7; fi ;;
+*) for word; do case "$word" in body=@*) cp "${word#body=@}" comment ;; esac; done ;;
+esac
+"""
+
+
+def commented(folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run the step of the action that comments."""
+    (folder / "gh").write_text(GH_COMMENTS, encoding="utf-8")
+    (folder / "gh").chmod(0o755)
+    target = environment(folder)
+    target["PATH"] = f"{folder}{os.pathsep}{target['PATH']}"
+    (step,) = [step for step in STEPS if step.get("name") == COMMENT]
+    values = {"github.repository": "me/compass", "github.event.pull_request.number": "12"} | variables
+    env = {
+        name: re.sub(r"\$\{\{ ([\w.-]+) }}", lambda match: values.get(match[1], ""), value)
+        for name, value in step["env"].items()
+    }
+    return sh(step["run"], folder, env=target | env | {"RUNNER_TEMP": str(folder)})
+
+
+def test_one_comment_has_the_verdict_and_is_replaced_by_the_next_push(tmp_path: Path) -> None:
+    (tmp_path / "hil-out").mkdir()
+    report = tmp_path / "hil-out" / "report.md"
+    report.write_text("# PASS\n\n$(touch broken)\n<details><summary>Every measurement</summary>\nall\n</details>\n")
+    url = "https://github.com/me/compass/actions/runs/1/artifacts/2"
+    assert commented(tmp_path, **{"steps.record.outputs.artifact-url": url}).returncode == 0
+    first = (tmp_path / "comment").read_text(encoding="utf-8")
+    assert first == f"<!-- hiltest hiltest -->\n# PASS\n\n$(touch broken)\n\n\n[Record and reports]({url})\n"
+    report.write_text("# FAIL\n")
+    assert commented(tmp_path).returncode == 0
+    assert "# FAIL" in (tmp_path / "comment").read_text(encoding="utf-8")
+    posted, patched = [call for call in (tmp_path / "calls").read_text().splitlines() if "--jq" not in call]
+    assert posted.startswith("api --silent repos/me/compass/issues/12/comments -F ")
+    assert patched.startswith("api --silent --method PATCH repos/me/compass/issues/comments/7 -F ")
+    assert not (tmp_path / "broken").exists()
+
+
+def test_a_token_that_may_not_comment_changes_no_result(tmp_path: Path) -> None:
+    (tmp_path / "denied").touch()
+    done = commented(tmp_path)
+    assert done.returncode == 0
+    assert done.stdout.startswith("::notice title=hiltest::")
+    assert not (tmp_path / "comment").exists()
+
+
+def test_the_token_reaches_the_comment_alone_and_nothing_runs_that_a_stranger_names() -> None:
     triggers = WORKFLOW[True]  # YAML 1.1 reads the key "on" as a truth
     assert set(triggers) == {"push", "pull_request"}
-    assert WORKFLOW["permissions"] == {"contents": "read"}
+    assert WORKFLOW["permissions"] == {"contents": "read", "pull-requests": "write"}
     assert "permissions" not in JOB
-    assert not re.search(r"secrets\.|github\.token|github-token|GITHUB_TOKEN", WORKFLOW_TEXT + json.dumps(ACTION))
+    assert not re.search(r"secrets\.|github-token|GITHUB_TOKEN", WORKFLOW_TEXT + json.dumps(ACTION))
+    steps = [*JOB["steps"], *ACTION["runs"]["steps"]]
+    with_token = [step for step in steps if re.search(r"github\.token|comment-token }}", json.dumps(step))]
+    assert [step.get("name", step.get("uses")) for step in with_token] == [USES, COMMENT]
     assert not [command for command in commands() if "${{" in command], "an input is no part of a script"
     (checkout,) = [step for step in JOB["steps"] if step.get("uses", "").startswith("actions/checkout@")]
     assert checkout["with"]["persist-credentials"] is False

@@ -26,11 +26,15 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 FIRMWARE = ROOT / "firmware_stub"
 SHIPPED = ROOT / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
-COMPASSES = [SHIPPED.with_name(f"compass-{output}.elf") for output in ("lines", "packets", "lis3mdl", "fxos8700cq")]
+OUTPUTS = ("lines", "packets", "lis3mdl", "fxos8700cq", "stm32f411")
+COMPASSES = [SHIPPED.with_name(f"compass-{output}.elf") for output in OUTPUTS]
 MANIFESTS = {SHIPPED: SHIPPED.with_name("manifest.json"), **{elf: elf.with_suffix(".json") for elf in COMPASSES}}
+DISCO = SHIPPED.with_name("compass-stm32f411.elf")
 FLASH = range(0x0000_0000, 0x0010_0000)
 SRAM_L = range(0x1FFF_0000, 0x2000_0000)
 SRAM_U = range(0x2000_0000, 0x2003_0000)
+DISCO_CODE = range(0x0800_0000, 0x0806_0000)  # without sector 7, which keeps the calibration
+DISCO_SRAM = range(0x2000_0000, 0x2002_0000)
 
 
 def load_script(name: str) -> ModuleType:
@@ -243,13 +247,15 @@ def test_the_stack_check_sees_recursion_and_unknown_pointers() -> None:
 
 
 def test_every_segment_lies_in_one_memory_and_is_loaded_from_flash(shipped: Path) -> None:
+    flash, *memories = (DISCO_CODE, DISCO_SRAM) if shipped == DISCO else (FLASH, SRAM_L, SRAM_U)
     for flash_address, address, size, data in loadable(shipped):
         if data:
-            assert flash_address in FLASH
-            assert flash_address + len(data) - 1 in FLASH
-        assert any(address in memory and address + size - 1 in memory for memory in (FLASH, SRAM_L, SRAM_U))
+            assert flash_address in flash
+            assert flash_address + len(data) - 1 in flash
+        assert any(address in memory and address + size - 1 in memory for memory in (flash, *memories))
 
 
+@pytest.mark.parametrize("shipped", [elf for elf in MANIFESTS if elf != DISCO], ids=lambda elf: elf.stem)
 def test_the_flash_configuration_field_leaves_the_chip_unsecured(shipped: Path) -> None:
     (field,) = [data for _, address, _, data in loadable(shipped) if address == 0x400]
     assert field == bytes.fromhex("ffffffff ffffffff ffffffff feffffff")
@@ -277,6 +283,27 @@ def test_calibrators_and_what_times_them_run_from_sram(symbols: dict[str, tuple[
     assert all(symbols[name][0] in SRAM_L for name in {*steps, "count_step_cycles", "count_report_cycles"})
     # The linker puts a veneer beside code that calls too far: with none, fast code calls nothing in flash.
     assert [name for name, (address, _) in symbols.items() if name.endswith("_veneer") and address in SRAM_L] == []
+
+
+def test_the_discoverys_vector_table_has_an_entry_for_each_of_its_interrupts() -> None:
+    address, size = symbols_of(DISCO)["vector_table"]
+    assert address == DISCO_CODE.start
+    (segment,) = [data for _, begin, _, data in loadable(DISCO) if begin == address]
+    stack, *entries = (int.from_bytes(segment[i : i + 4], "little") for i in range(0, size, 4))
+    assert stack == DISCO_SRAM.stop
+    assert len(entries) == 15 + 86  # exceptions of the core, interrupts of the STM32F411
+    assert all(entry & 1 and entry in DISCO_CODE for entry in entries)
+    handlers = {symbols_of(DISCO)[name][0]: name for name in symbols_of(DISCO) if name.endswith("_Handler")}
+    named = {number - 15: handlers[entry & ~1] for number, entry in enumerate(entries) if number >= 15}
+    # Numbers: stm32f411xe.h of STMicroelectronics/cmsis_device_f4 @ cdbad761, IRQn_Type.
+    assert {number: name for number, name in named.items() if name != "Fault_Handler"} == {
+        8: "EXTI2_Handler",
+        17: "DMA1_Stream6_Handler",
+        28: "TIM2_Handler",
+        31: "I2C1_Event_Handler",
+        32: "I2C1_Error_Handler",
+        38: "USART2_Handler",
+    }
 
 
 def test_there_is_no_heap_and_no_double_arithmetic(shipped: Path) -> None:

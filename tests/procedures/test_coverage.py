@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hiltest.calibration.quality import sphere_directions
-from hiltest.procedures.coverage import largest_uncovered_cap_deg, sphere_coverage
+from hiltest.procedures.coverage import largest_uncovered_cap, sphere_coverage
 
 from ..instances import instance
 
@@ -24,7 +24,7 @@ def test_a_cap_left_out_is_the_largest_hole(radius_deg: float) -> None:
     even = sphere_directions(3000)
     remainder = even[even @ np.array([0.6, 0.0, 0.8]) < np.cos(np.radians(radius_deg))]
     # 3000 even points are 4 degrees apart, so one lies within 2.3 of the rim; the search's own grain is 2.
-    assert largest_uncovered_cap_deg(counts(remainder), field_ut=FIELD_UT) == pytest.approx(radius_deg, abs=2.5)
+    assert largest_uncovered_cap(counts(remainder), field_ut=FIELD_UT)[0] == pytest.approx(radius_deg, abs=2.5)
     part = (1.0 + np.cos(np.radians(radius_deg))) / 2.0
     # The area's slope is sin/2 a radian at most: half of 2.5 degrees in radians.
     assert sphere_coverage(counts(remainder), field_ut=FIELD_UT) == pytest.approx(part, abs=0.022)
@@ -45,7 +45,7 @@ def test_one_turn_about_one_axis_leaves_a_hole_on_either_side() -> None:
     ring = np.column_stack([np.cos(angle), np.sin(angle), 0.1 * np.cos(2.0 * angle)])
     ring /= np.linalg.norm(ring, axis=1, keepdims=True)
     # The hole reaches from a pole to the ring, 0.1 radians less at the nearest: 84.3 degrees.
-    assert largest_uncovered_cap_deg(counts(ring), field_ut=FIELD_UT) == pytest.approx(84.3, abs=2.5)
+    assert largest_uncovered_cap(counts(ring), field_ut=FIELD_UT)[0] == pytest.approx(84.3, abs=2.5)
 
 
 def test_a_board_that_lies_still_has_seen_nothing() -> None:
@@ -57,4 +57,4 @@ def test_a_board_that_lies_still_has_seen_nothing() -> None:
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.zeros((5, 3)), np.eye(3)])
 def test_too_few_points_have_seen_nothing(points: NDArray[np.float64]) -> None:
     assert sphere_coverage(points, field_ut=FIELD_UT) == 0.0
-    assert largest_uncovered_cap_deg(points, field_ut=FIELD_UT) == 180.0
+    assert largest_uncovered_cap(points, field_ut=FIELD_UT)[0] == 180.0

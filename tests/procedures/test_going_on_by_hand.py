@@ -106,7 +106,7 @@ def test_a_run_goes_on_at_the_next_pose(runs: Runs, ends: Verdict | None) -> Non
         r"goes on with the run of \S+Z, which was cut short: the tumble, 2 known angles taken over", answer
     )
     assert runs.poses == [3]
-    assert re.match(r"\n2 known angles of the run of \S+Z, taken over\.", runs.asked[0])
+    assert re.match(r"2 known angles of the run of \S+Z, taken over\.", runs.asked[0])
     assert runs.tumbled == 1
     assert result is not None
     assert result.poses == POSES
@@ -149,7 +149,7 @@ def test_another_calibration_begins_the_poses_anew(runs: Runs) -> None:
     runs.board.session.request(SetCalibration(0, 1.5 * np.eye(3), np.zeros(3)))
     runs(ends=PASSED)
     assert re.match(
-        r"\nThe known angles begin anew: the calibration uncalibrated is another than in the run of", runs.asked[0]
+        r"The known angles begin anew: the calibration uncalibrated is another than in the run of", runs.asked[0]
     )
     assert runs.poses == [1, 2, 3]
     assert runs.tumbled == 1
@@ -182,6 +182,30 @@ def test_the_six_faces_are_taken_over_with_their_fit(virtual_board: Board, tmp_p
     assert np.array_equal(again.fit.gain, first.fit.gain)
     assert np.array_equal(again.fit.offset, first.fit.offset)
     assert again.die_temperature_degc == first.die_temperature_degc
+
+
+def test_a_tumble_that_covers_too_little_is_not_taken_over_nor_are_its_poses(
+    virtual_board: Board, tmp_path: Path
+) -> None:
+    def journal() -> tuple[Recorder, ByHand]:
+        recorder = Recorder(Journal(tmp_path), suite="gate", poses="all")
+        recorder.begin()
+        return recorder, ByHand(recorder, BENCH, lambda tumble: "it covers 0 %" if tumble.coverage < 0.5 else "")
+
+    assert virtual_board.stage is not None
+    virtual_board.stage.turn_to(Pose(0.0))
+    recorder, first = journal()
+    at_rest = collect_tumble(
+        virtual_board, OperatorTurntable(prompt=lambda text: "", uncertainty_deg=1.0, tumble_s=1.0), points=20
+    )
+    first.tumble(virtual_board, lambda: at_rest)  # as a run before this rule kept it
+    recorder.release()
+    recorder, second = journal()
+    assert second.remark == "the tumble begins anew: it covers 0 %"
+    collected: list[Tumble] = []
+    assert second.tumble(virtual_board, lambda: collected.append(at_rest) or at_rest) is at_rest  # type: ignore[func-returns-value]
+    assert len(collected) == 1
+    recorder.release()
 
 
 def break_answer(entry: dict[str, object]) -> dict[str, object]:

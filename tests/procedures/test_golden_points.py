@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from hiltest.procedures.coverage import largest_uncovered_cap_deg
+from hiltest.procedures.coverage import largest_uncovered_cap
 from hiltest.procedures.golden_points import golden_points
 
 
@@ -30,4 +30,4 @@ def test_every_cloud_differs_and_lies_on_its_ellipsoid() -> None:
 def test_a_golden_cloud_has_no_hole() -> None:
     for n in (20, 100, 300):
         # A cap with n even neighbours: half the angle between them is near sqrt(4 pi / n) / 2; 1.7 of it is a corner.
-        assert largest_uncovered_cap_deg(golden_points(n), field_ut=48.5) < 1.7 * np.degrees(np.sqrt(np.pi / n))
+        assert largest_uncovered_cap(golden_points(n), field_ut=48.5)[0] < 1.7 * np.degrees(np.sqrt(np.pi / n))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,6 +12,7 @@ from hiltest.boards import Board, open_board
 from hiltest.link.messages import Points
 from hiltest.orientation.angles import Pose, wrap_180
 from hiltest.procedures import OperatorTurntable, Tumble, collect_tumble, held_as_taken, run_calibrators
+from hiltest.procedures.tumble import poor_coverage
 from hiltest.rig import Rig
 
 POINTS = 150
@@ -85,3 +87,39 @@ def test_the_coverage_is_told_while_the_board_is_turned(by_hand: Tumble, coverag
     observations = [int(line.split()[1]) for line in coverages]
     # After a third nothing was seen yet of the nose up.
     assert observations[4] < 60 < observations[-1]
+
+
+def test_a_tumble_with_a_hole_is_refused_at_once_with_the_sides_to_turn_into_it(board: Board, bench_rig: Rig) -> None:
+    assert board.stage is not None
+    stage, questions = board.stage, list[str]()
+    # At rest; with the nose never down, which is a pitch of -90 degrees; and all round.
+    tumbles = iter(
+        [iter(np.linspace(first, last, POINTS)) for first, last in ((0.0, 0.0), (50.0, 89.0), (-89.0, 89.0))]
+    )
+    pitches = iter(np.zeros(0))
+
+    def answer(question: str) -> str:
+        nonlocal pitches
+        questions.append(question)
+        if "all round" in question:
+            pitches = next(tumbles)
+        return ""
+
+    def turn_on(_: float) -> None:
+        pitch_deg = float(next(pitches))
+        stage.turn_to(Pose(0.0, pitch_deg, wrap_180(14.0 * pitch_deg)))
+
+    tumble = collect_tumble(
+        board,
+        OperatorTurntable(prompt=answer, uncertainty_deg=0.5, tumble_s=HAND_S),
+        points=POINTS,
+        refuse=lambda tumble: poor_coverage(tumble, bench_rig),
+        sleep=turn_on,
+    )
+    assert tumble.coverage > 0.9
+    at_rest, half = questions[1], questions[3]
+    assert at_rest.startswith("the tumble covers 0% of the sphere, at least 50% is needed: the points are no sphere")
+    assert re.match(
+        r"the tumble covers \d\d% of the sphere, .*a hole of \d+ deg is left where its nose points down", half
+    )
+    assert half.endswith("Enter to do it again, Ctrl-C to end: ")

@@ -735,3 +735,14 @@ def test_another_worst_input_is_no_regression_of_a_calibrator_whose_code_did_not
         item.name: item for item in compare(base, with_side(evidence(cells), firmware_sha256="ab")).differences
     }
     assert differences[name].change is change
+
+
+@pytest.mark.parametrize(("new_deg", "change"), [(0.6, Change.CHANGED), (0.8, Change.WORSE)])
+def test_values_that_few_poses_predict_differ_only_beyond_their_uncertainties(new_deg: float, change: Change) -> None:
+    def side(rms_deg: float, poses: int) -> Evidence:
+        rms = replace(measurement("heading.direct.rms", rms_deg), uncertainty=0.2)
+        return evidence([rms, measurement("heading.poses", poses)])
+
+    differences = {one.name: one.change for one in compare(side(0.4, 22), side(new_deg, 27)).differences}
+    assert differences["heading.direct.rms"] is change
+    assert differences["heading.poses"] not in (Change.BETTER, Change.WORSE)

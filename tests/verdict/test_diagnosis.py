@@ -165,6 +165,17 @@ def sentence(findings: Make) -> Callable[..., str]:
     return say
 
 
+def test_poses_that_were_not_set_are_the_cause_whatever_the_headings_look_like(findings: Make) -> None:
+    bench = Bench(iron=turned(Pose(0, 12)) @ SOFT_IRON)
+    rows: list[list[object]] = [[number, "the readings are equal"] for number in range(2, 6)]
+    run = findings(*bench.measurements(), tables=False)
+    run.tables.update((item.name, item) for item in (*bench.tables(), table("heading.unset", ["pose", "fault"], rows)))
+    sentence = decide(run, pytest_exit=1).sentence
+    assert "the board was not at the angle of the scale (pose 2: the readings are equal, pose 3: " in sentence
+    assert "and 1 more). Next: Measure these poses again" in sentence
+    assert "good fit" not in sentence
+
+
 def test_a_bench_with_nothing_wrong_has_no_cause(sentence: Callable[..., str]) -> None:
     assert "Likely cause" not in sentence(Bench(), broken="something else")
 

@@ -200,22 +200,35 @@ def test_functions_of_another_chip_s_image_are_counted_and_its_registers_are_nob
 def test_a_rig_that_is_proposed_for_another_chip_is_for_its_own_board(
     link: Link, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    image = link(0x08000000, 0x20020000, file="system_stm32f4xx.c")
+    image = link(0x08000000, 0x20020000, file="stm32h7xx_hal_gpio.c")
     assert run("init", str(tmp_path / "mine"), "--firmware", str(image)) == 0
-    assert "this is an STM32F4 image" in capsys.readouterr().out
+    assert "this is an STM32H7 image" in capsys.readouterr().out
     rig = load_rig(tmp_path / "mine" / "hil" / "rigs" / "mine.toml")
     assert (rig.board.kind, rig.board.firmware, rig.world) == ("real", None, None)
     assert rig.device is not None
     assert rig.turntable.kind == "operator"
 
 
+def test_an_image_for_a_chip_of_another_virtual_board_names_it(link: Link) -> None:
+    chips = {"stm32f407xx": "stm32f407-disco", "stm32f411xe": "stm32f411-disco", "stm32l476xx": None}
+    found = {name: other_chip(load_image(link(0x08000000, 0x20018000, file=f"{name}.c"))) for name in chips}
+    assert {name: chip and chip.machine for name, chip in found.items()} == chips
+
+
+def test_a_rig_that_is_proposed_for_an_nrf51_is_of_the_virtual_microbit(link: Link, tmp_path: Path) -> None:
+    image = link(0, 0x20004000, file="nrf51822.c")
+    assert run("init", str(tmp_path / "mine"), "--firmware", str(image)) == 0
+    rig = load_rig(tmp_path / "mine" / "hil" / "rigs" / "mine.toml")
+    assert (rig.board.kind, rig.board.machine) == ("virtual", "microbit-v1")
+    assert {place.bus for place in rig.parts.values()} == {"i2c0"}
+    assert rig.board.firmware is not None
+
+
 @pytest.mark.parametrize("version", ["microbitv1/v1.1.1", "microbitv2/v2.1.2"])
 def test_micropython_of_the_microbit_is_recognised(version: str, require_module: Callable[[str], None]) -> None:
     require_module("micropython_microbit_fs")
     (image,) = (Path(str(resources.files("micropython_microbit_fs"))) / "hexes" / version).glob("*.hex")
-    with pytest.raises(
-        ConfigError, match=r"this is an nRF51 or nRF52 image .* uses [45] of its register.* microbit-v1"
-    ):
+    with pytest.raises(ConfigError, match=r"this is an nRF51 or nRF52 image .* uses [45] of its register.*microbit-v1"):
         VirtualK64F(image)
 
 

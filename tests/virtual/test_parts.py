@@ -296,6 +296,28 @@ def test_flash_waits_by_the_core_clock_and_a_loop_in_the_cache_does_not(linker: 
     assert counts["loop", 168] - counts["loop", 24] < 40
 
 
+def test_an_stm32f411_waits_by_its_own_table_and_has_one_ram_that_never_waits(linker: Linker) -> None:
+    part = load_part("stm32f411")
+    clocks_mhz = (16, 30, 31, 64, 65, 90, 91, 100)
+    assert [part.timing(mhz * MHZ).name[-3:] for mhz in clocks_mhz] == [
+        f"{waits}ws" for waits in (0, 0, 1, 1, 2, 2, 3, 3)
+    ]
+    straight = linker.link(".rept 400\n eor.w r4, r4, r5\n .endr")
+    counts = {
+        mhz: cycles(straight, part="stm32f411", clock_hz=mhz * MHZ).call("work").cycles for mhz in (30, 64, 90, 100)
+    }
+    # A line of four instructions takes up to four clocks, and the next one is read ahead: only the code around waits.
+    assert counts[30] < counts[64] < counts[90] < counts[100] < counts[30] + 40
+    for far in (SRAM1 + 0x1000, SRAM2):
+        elf = linker.link("ldr.w r4, [r3]\n nop.w\n ldr.w r5, [r3]", far=far)
+        assert (
+            cycles(elf, part="stm32f411", clock_hz=24 * MHZ).call("work").cycles
+            == cycles(linker.link("ldr.w r4, [r1]\n nop.w\n ldr.w r5, [r1]"), part="stm32f411", clock_hz=24 * MHZ)
+            .call("work")
+            .cycles
+        )
+
+
 def test_the_stack_is_where_the_image_has_it(count: Count) -> None:
     pushes = "push.w {r4-r7}\n pop.w {r4-r7}"
     assert count(pushes, stack=SRAM2 + 0x4000) == count(pushes) + 2
@@ -324,6 +346,7 @@ DIGESTS = {
     "nrf51822/1": "85bc06552308aab4",
     "nrf52840/1": "cafc99b742147595",
     "stm32f407/1": "198908d40860d1d6",
+    "stm32f411/1": "fdfa1936f2a53eeb",
     "stm32g4/1": "7428b9c2dbe76c37",
     "stm32l4r5/1": "704bbc7b29639790",
 }

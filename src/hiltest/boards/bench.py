@@ -21,6 +21,7 @@ from hiltest.orientation.angles import Pose
 from hiltest.rig import Rig, build_parts, build_world
 from hiltest.rig.board_faults import span_of
 from hiltest.rig.faults import Faults
+from hiltest.virtual.board.described_machine import DescribedMachine
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.board.microbit_v1 import VirtualMicrobit
 from hiltest.virtual.board.virtual_machine import BoardSnapshot, VirtualMachine
@@ -222,6 +223,8 @@ class VirtualBench:
             profile = _timing_profile(rig) if rig.board.timing else None
             image = load_image(self.firmware, base=base, core="cortex-m0")
             return VirtualMicrobit(image, i2c=i2c["i2c0"], profile=profile)
+        if rig.board.machine not in (None, "frdm-k64f"):
+            return self._make_described_machine(i2c, spi, base=base, flash_file=flash_file)
         return VirtualK64F(
             load_image(self.firmware, base=base),
             i2c0=i2c["i2c0"],
@@ -234,6 +237,22 @@ class VirtualBench:
             strict=self.firmware == default_firmware(),
             flash_file=flash_file,
         )
+
+    def _make_described_machine(
+        self,
+        i2c: Mapping[str, Sequence[RegisterDevice | FaultyPart]],
+        spi: Mapping[str, Mapping[str, RegisterDevice | FaultyPart]],
+        *,
+        base: int | None,
+        flash_file: Path | None,
+    ) -> VirtualMachine:
+        """Make the board of a machine file; the path of a file is relative to the rig's."""
+        rig, name = self.rig, str(self.rig.board.machine)
+        if flash_file is not None:
+            raise ConfigError(f"{flash_file}: the virtual {name} stores no flash in a file; omit it")
+        machine = str(rig.path.parent / name) if name.endswith(SUFFIX) else name
+        profile = _timing_profile(rig) if rig.board.timing else None
+        return DescribedMachine(machine, load_image(self.firmware, base=base), i2c=i2c, spi=spi, profile=profile)
 
     def snapshot(self) -> BenchSnapshot:
         """Take a snapshot of the board and of the world with its table; see `VirtualMachine.snapshot`."""

@@ -102,6 +102,8 @@ class Declared:
     """Name of the rig."""
     faults: Faults | None = None
     """Injected faults."""
+    field_ned_ut: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The local field in the earth frame."""
 
     @classmethod
     def select(cls, rig: Rig) -> Declared:
@@ -121,6 +123,7 @@ class Declared:
             {name: entry.functions[0] for name, entry in rig.cycles.items() if entry.ends is None},
             rig.name,
             rig.faults,
+            EarthField(rig.field.strength_ut, rig.field.dip_deg).ned_ut,
         )
 
 

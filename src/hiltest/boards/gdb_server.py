@@ -10,7 +10,7 @@ import time
 from typing import Self
 
 from hiltest.boards.gdb_session import GdbSession
-from hiltest.boards.served_lines import keep_alive, listen
+from hiltest.boards.served_lines import Door, keep_alive
 from hiltest.virtual.board.debugger import Debugger
 from hiltest.virtual.board.virtual_machine import VirtualMachine
 
@@ -38,6 +38,8 @@ class GdbServer:
     ----------
     port : int
         Port that it listens on.
+    token : str
+        First line of a client; empty on a loopback address, where none is needed.
 
     Raises
     ------
@@ -47,8 +49,9 @@ class GdbServer:
 
     def __init__(self, machine: VirtualMachine, port: int, *, host: str = "127.0.0.1") -> None:
         self._machine = machine
-        self._listener = listen(host, port)
-        self.port: int = self._listener.getsockname()[1]
+        self._door = Door(host, port)
+        self.port: int = self._door.port
+        self.token = self._door.token
         self._halted, self._wake = socket.socketpair()  # one byte for each halt that GDB did not ask for
         self._wake.setblocking(False)
         self._debugger = Debugger(machine, on_stop=self._notice)
@@ -75,7 +78,8 @@ class GdbServer:
         with contextlib.suppress(OSError):  # so that a client that does not read its answers holds nothing up
             self._client.shutdown(socket.SHUT_RDWR)
         self._thread.join()
-        for sock in (self._listener, self._halted, self._wake, self._client):
+        self._door.close()
+        for sock in (self._halted, self._wake, self._client):
             sock.close()
 
     def _notice(self) -> None:
@@ -84,15 +88,14 @@ class GdbServer:
 
     def _run(self) -> None:
         while not self._ended:
-            select.select([self._listener, self._halted], [], [])
+            select.select([*self._door.sources(), self._halted.fileno()], [], [])
             if self._ended:
                 return
             if select.select([self._halted], [], [], 0)[0]:
                 self._halted.recv(_AT_A_LOOK)
                 continue
             with contextlib.suppress(OSError):  # the client has left already, or leaves while it is served
-                caller, _ = self._listener.accept()
-                self._serve(caller)
+                self._serve(self._door.admit())
 
     def _serve(self, client: socket.socket) -> None:
         self._client.close()
@@ -115,13 +118,13 @@ class GdbServer:
 
     def _exchange(self, client: socket.socket, session: GdbSession) -> None:
         """Forward the next message of GDB or the processor; `session` ends when GDB disconnects."""
-        ready, _, _ = select.select([client, self._halted, self._listener], [], [])
-        if self._halted in ready:
+        ready, _, _ = select.select([client.fileno(), self._halted.fileno(), *self._door.sources()], [], [])
+        if self._halted.fileno() in ready:
             self._halted.recv(_AT_A_LOOK)
             client.sendall(session.stopped())
-        if self._listener in ready:
-            self._listener.accept()[0].close()  # one at a time
-        if client in ready:
+        with contextlib.suppress(BlockingIOError):
+            self._door.admit().close()  # one at a time
+        if client.fileno() in ready:
             data = client.recv(_AT_A_LOOK)
             if not data:
                 session.close()

@@ -306,8 +306,9 @@ class PacedBench:
             return self._held is not None and self._held() and not any(line.came for line in self._served)
 
     def _wait_for_bytes(self) -> None:
-        """Wait until bytes arrive on a line, but no longer than a step."""
-        sources = [source for served in self._served for source in served.line.sources()]
+        """Wait until bytes arrive on a line without a backlog, but no longer than a step."""
+        lines = [served.line for served in self._served if not served.line.queue.backlog]
+        sources = [source for line in lines for source in line.sources()]
         select.select(sources, [], [], _STEP_S)
 
     def _step(self) -> None:

@@ -11,11 +11,15 @@ import contextlib
 import ctypes
 import errno
 import hashlib
+import hmac
+import ipaddress
 import os
+import secrets
 import select
 import socket
 import struct
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
@@ -30,6 +34,8 @@ _TERMINAL_READ = 4096  # Linux returns no more at once
 _LONGEST_QUEUE = 1 << 24
 # A client whose machine disappeared without closing is noticed after about this time [s].
 _DEAD_AFTER_S = 30
+# Callers without a token so far: the longest time [s], and the most of them.
+_TOKEN_S, _MOST_WAITING = 5.0, 8
 
 
 class PortLine(Protocol):
@@ -89,6 +95,11 @@ class Queue:
         room = _LONGEST_QUEUE - len(self._bytes)
         self._bytes += data[:room]
         self.lost += max(0, len(data) - room)
+
+    @property
+    def backlog(self) -> bool:
+        """True if the board has not taken all bytes."""
+        return bool(self._bytes)
 
     def take(self, limit: int) -> bytes:
         """Remove the oldest bytes, at most `limit`, and return them."""
@@ -243,6 +254,62 @@ def keep_alive(client: socket.socket) -> None:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
 
 
+class Door:
+    """A TCP port that lets callers in: on a loopback address all, elsewhere those that send its token in a line first.
+
+    Attributes
+    ----------
+    listener : socket
+        The port.
+    port : int
+        Its number.
+    url : str
+        URL for pyserial, with the token as the user's name, which hiltest sends and other programs ignore.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.listener = listen(host, port)
+        self.listener.setblocking(False)
+        self._waiting: dict[socket.socket, tuple[bytes, float]] = {}  # bytes so far, and time of arrival
+        address, self.port = self.listener.getsockname()[:2]
+        is_local = ipaddress.ip_address(address.partition("%")[0]).is_loopback
+        self.token = "" if is_local else secrets.token_hex(16)
+        at = f"[{host}]" if ":" in host else host
+        self.url = f"socket://{f'{self.token}@' if self.token else ''}{at}:{self.port}"
+
+    def sources(self) -> list[int]:
+        """Return the sockets on which something may happen."""
+        return [self.listener.fileno(), *(caller.fileno() for caller in self._waiting)]
+
+    def admit(self) -> socket.socket:
+        """Return the next caller that may come in, or raise an OSError at once if there is none."""
+        with contextlib.suppress(BlockingIOError):
+            caller = self.listener.accept()[0]
+            caller.setblocking(False)
+            if not self.token:
+                return caller
+            self._waiting[caller] = b"", time.monotonic()
+        expected = f"{self.token}\n".encode()
+        for caller, (begin, since_s) in list(self._waiting.items()):
+            is_late = time.monotonic() - since_s > _TOKEN_S or len(self._waiting) > _MOST_WAITING
+            with contextlib.suppress(BlockingIOError):
+                data = caller.recv(len(expected) - len(begin))
+                self._waiting[caller] = begin + data, since_s
+                if hmac.compare_digest(begin + data, expected):
+                    del self._waiting[caller]
+                    return caller
+                is_late = is_late or not data or b"\n" in data or len(begin + data) == len(expected)
+            if is_late:
+                del self._waiting[caller]
+                caller.close()
+        raise BlockingIOError
+
+    def close(self) -> None:
+        """Hang up on those that wait, and stop listening."""
+        for sock in (self.listener, *self._waiting):
+            sock.close()
+
+
 class TcpLine:
     """A TCP port as a serial line: bytes as they are, one client; a second one is refused with a message.
 
@@ -260,12 +327,10 @@ class TcpLine:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._listener = listen(host, port)
-        self._listener.setblocking(False)
+        self._door = Door(host, port)
         self._client: socket.socket | None = None
         self.queue = Queue()
-        self.port: int = self._listener.getsockname()[1]
-        self.url = f"socket://{f'[{host}]' if ':' in host else host}:{self.port}"
+        self.port, self.url = self._door.port, self._door.url
 
     @property
     def connected(self) -> bool:
@@ -273,14 +338,14 @@ class TcpLine:
         return self._client is not None
 
     def sources(self) -> list[int]:
-        """Return the listening socket, and that of the client if there is one."""
-        return [self._listener.fileno(), *([self._client.fileno()] if self._client else [])]
+        """Return the sockets of the door, and that of the client if there is one."""
+        return [*self._door.sources(), *([self._client.fileno()] if self._client else [])]
 
     def receive(self, limit: int) -> bytes:
         """Accept and drop clients, and return bytes that clients have sent."""
         with contextlib.suppress(OSError):  # no other client is waiting, or it has left again
             while self._client is None or not self._hear(self._client):
-                self._welcome(self._listener.accept()[0])
+                self._welcome(self._door.admit())
         return self.queue.take(limit)
 
     def send(self, data: bytes) -> int:
@@ -297,7 +362,7 @@ class TcpLine:
     def close(self) -> None:
         """Disconnect the client, and stop listening."""
         self._hang_up()
-        self._listener.close()
+        self._door.close()
 
     def _hear(self, client: socket.socket) -> bool:
         """Read bytes; return True if more may follow, because a disconnection is only seen after the last of them."""

@@ -21,6 +21,8 @@ HELP = "[HLP:$$ $G $I $X $H ~ ! ? ctrl-x]"
 FURTHEST_DEG = 36_000.0
 #: Maximum characters of a line, and of waiting lines, as in Grbl; excess characters are lost.
 LINE_LENGTH, BUFFER_LENGTH = 80, 128
+#: Bytes of a line of 115 200 baud in the 2 ms of a step of `hiltest.boards.paced`.
+STEP_BYTES = 24
 
 _RESET, _STATUS, _HOLD, _RESUME = 0x18, ord("?"), ord("!"), ord("~")
 _ENDS = b"\r\n"
@@ -62,21 +64,25 @@ class GrblTable:
         self._alarm = False
         self._heard = bytearray()
         self._line = bytearray()
+        self._unsent = 0  # bytes of answers that a line would still transfer
         self._after_cr = False
         self._modals = Modals()
         self._done: Callable[[], bool] | None = None
 
     def room(self) -> int:
-        """Return unlimited room, because real-time commands must be seen whatever else waits."""
-        return 1024
+        """Return the bytes of a step, or 0 while answers of earlier steps are still on the line to the host."""
+        return 0 if self._unsent > BUFFER_LENGTH else STEP_BYTES
 
     def hear(self, data: bytes) -> None:
         """Execute real-time commands at once, and queue the rest."""
+        reported = False
         for byte in data:
             if byte == _RESET:
                 self._reset()
             elif byte == _STATUS:
-                self._say(self._status())
+                if not reported:  # as in Grbl, one report for all requests that come together
+                    self._say(self._status())
+                reported = True
             elif byte == _HOLD:
                 self._axes.hold()
             elif byte == _RESUME:
@@ -90,6 +96,7 @@ class GrblTable:
         self._axes.advance()
         self._execute_queued()
         output = bytes(self._out)
+        self._unsent = max(0, self._unsent + len(output) - STEP_BYTES)
         self._out.clear()
         return output
 

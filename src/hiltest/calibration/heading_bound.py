@@ -147,7 +147,7 @@ def heading_bound(
     inverse = np.asarray(fit.soft_iron)
     field, gravity = np.asarray(field, dtype=float), np.asarray(gravity, dtype=float)
     unit_field = field / np.linalg.norm(field, axis=1)[:, None]
-    by_field = _heading_derivatives(unit_field, gravity) @ inverse
+    by_field = heading_derivatives(unit_field, gravity) @ inverse
     spread = np.linalg.norm(by_field, axis=1) * noise / np.sqrt(np.asarray(readings, dtype=float))
     columns = np.zeros((len(field), 0))
     if points is not None:
@@ -169,7 +169,7 @@ def _parameter_derivatives(rows: Array, unit: Array) -> Array:
     return np.column_stack([*by_matrix, rows])
 
 
-def _heading_derivatives(field: Array, gravity: Array) -> Array:
+def heading_derivatives(field: Array, gravity: Array) -> Array:
     """Return the derivatives of each heading by its field, shape (m, 3) [rad]."""
     down = gravity / np.linalg.norm(gravity, axis=1)[:, None]
     east = np.cross(down, field)

@@ -21,11 +21,12 @@ _INTERRUPTED, _INTERNAL_ERROR, _USAGE_ERROR, _CUT_SHORT = 2, 3, 4, 24
 _CODES = {CalibrationError: 1, ConfigError: 4, BenchError: 20, DeviceError: 20, ProtocolError: 23}
 # Commands under the headings of the help. "fit imu" is the function fit_imu in hiltest.commands.fit_imu.
 _HEADINGS = {
-    "Commands": ("run", "judge", "compare", "fit", "profile", "doctor", "flash", "init", "report"),
-    "Judge changes": ("baseline", "bisect", "report trend", "report export"),
+    "Commands": ("run", "judge", "compare", "fit", "profile", "doctor", "flash", "start", "init", "report"),
+    "Judge changes": ("baseline", "bisect", "explain", "report trend", "report export"),
     "Count cycles": ("profile worst", "timing"),
     "Work with a board": ("ports", "serve", "listen", "calibrate", "log"),
     "Work with recordings": ("fit imu", "fit noise", "play", "decode"),
+    "Work with an agent": ("mcp",),
     "Repeat published experiments": ("study",),
 }
 _COMMANDS = tuple(name for names in _HEADINGS.values() for name in names)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import re
 import shutil
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +10,7 @@ import click
 
 from hiltest.commands.options import documented, parsed
 from hiltest.errors import ConfigError
-from hiltest.session.operator_prompt import ask
+from hiltest.session.rig_proposal import legible_name, propose_rig
 from hiltest.session.settings import file_name
 
 _FOLDERS = ("suites", "rigs", "benchmarks")
@@ -29,7 +25,6 @@ from hiltest.session.compare_cycles import pytest_benchmark_group_stats, pytest_
 __all__ = ["pytest_benchmark_group_stats", "pytest_benchmark_scale_unit"]
 '''
 """Equal to the file of hiltest's own repository, whose digest is in that baseline."""
-_LONGEST_NAME = 64  # of a rig
 _NOT_COPIED = shutil.ignore_patterns("__pycache__", ".*")
 
 
@@ -76,7 +71,17 @@ def init(folder: Path, firmware: str | None, sensor: str | None) -> tuple[int, C
     present = [target / name for name in (*_FOLDERS, _BASELINE.parent) if (target / name).exists()]
     if present:
         raise ConfigError(f"{present[0]} already exists; nothing was copied. Choose another folder, or move it away")
-    proposed = _proposed_rig(folder, Path(firmware)) if firmware is not None else None
+    proposed = None
+    if firmware is not None:
+        name = legible_name(folder.resolve().name)
+        if (source / "rigs" / f"{name}.toml").exists():
+            name += "-proposed"
+        if (text := propose_rig(name, folder, Path(firmware))) is None:
+            raise ConfigError(
+                f"{firmware} speaks hiltest's own protocol and needs no rig of its own: "
+                f"hiltest run --firmware {firmware}"
+            )
+        proposed = name, text
     try:
         for name in _FOLDERS:
             shutil.copytree(source / name, target / name, ignore=_NOT_COPIED)
@@ -105,49 +110,3 @@ def _write_sensor(folder: Path, sensor: str, firmware: str | None) -> tuple[int,
     click.echo(f"{', '.join(file.name for file in files)} are in {folder}. Next:")
     click.echo(f"cd {folder} && python -m pytest {files[2].name} && python -m pip install -e .")
     return 0, Copied(str(folder), None, ["python", "-m", "pytest", files[2].name])
-
-
-def _proposed_rig(folder: Path, firmware: Path) -> tuple[str, str]:
-    """Return name and text of the rig for a firmware."""
-    from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
-    from hiltest.rig.bench_files import shipped
-    from hiltest.virtual.program.elf import load_image
-    from hiltest.virtual.program.other_chips import other_chip
-
-    image = load_image(firmware)
-    proposals, chip = look_at(image), other_chip(image)
-    if proposals.speaks_our_protocol:
-        raise ConfigError(
-            f"{firmware} speaks hiltest's own protocol and needs no rig of its own: hiltest run --firmware {firmware}"
-        )
-    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-")[:_LONGEST_NAME] or "mine"
-    rigs = shipped() / "rigs"
-    if (rigs / f"{name}.toml").exists():
-        name += "-proposed"
-    choose = _ask_for_option if sys.stdin.isatty() and sys.stdout.isatty() else None
-    kind = chosen_kind(proposals, choose)
-    file, around = firmware.resolve(), folder.resolve()
-    is_near = file.is_relative_to(around.parent)
-    text = rig_text(
-        proposals,
-        kind,
-        (rigs / f"{proposals.base_rig}.toml").read_text(encoding="utf-8"),
-        name=name,
-        firmware=None if chip else os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file),
-        choose=choose,
-    )
-    summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
-    if chip is not None:
-        click.echo(f"{firmware}: {chip}, which the virtual board cannot run: the rig is for its own board")
-    click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
-    return name, text
-
-
-def _ask_for_option(question: str, options: Sequence[str]) -> int:
-    """Ask for one of several options; Enter selects the first."""
-    listed = "\n".join(f"  {number} {option}" for number, option in enumerate(options, start=1))
-    while True:
-        answer = ask(f"{question}\n{listed}\n[1] ").strip() or "1"
-        if answer in (numbers := [str(number) for number, _ in enumerate(options, start=1)]):
-            return numbers.index(answer)
-        click.echo(f"Answer with a number from 1 to {len(options)}.")

@@ -26,9 +26,6 @@ from hiltest.commands.options import (
 from hiltest.errors import ConfigError
 from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name
 
-_FIRMWARE_SUFFIXES = (".elf", ".axf", ".out", ".hex", ".bin")
-_ELF = b"\x7fELF"
-
 
 class _Run(click.Command):
     """Command whose error about an unknown option explains how to pass pytest's options."""
@@ -186,13 +183,9 @@ def _run(
 
 def _is_firmware(argument: str) -> bool:
     """Return whether an argument is the name of a firmware file, rather than one for pytest."""
-    if Path(argument).suffix.lower() in _FIRMWARE_SUFFIXES:
-        return True
-    try:
-        with open(argument, "rb") as file:
-            return file.read(len(_ELF)) == _ELF
-    except OSError:
-        return False
+    from hiltest.virtual.program.image_formats import names_image
+
+    return not argument.startswith("-") and names_image(argument)
 
 
 def _verbosity(pytest_args: Sequence[str], *, verbose: bool) -> list[str]:

@@ -71,7 +71,8 @@ class Served:
     metavar="ADDRESS",
     default="127.0.0.1",
     show_default=True,
-    help="Listen on this address for TCP. Anyone who can reach it can use the board.",
+    help="Listen on this address for TCP. Unless it is a loopback address, clients must send the token of the "
+    "printed URL first.",
 )
 @click.option(
     "--link",
@@ -190,7 +191,7 @@ def serve(
         paced.power_on()
         if held or _wait_for_start(paced, ending):
             urls_of_uarts = {port.name: url for port, _, url in further}
-            gdb_at = None if debugger is None else f"{host}:{debugger.port}"
+            gdb_at = None if debugger is None else f"{debugger.token}@{host}:{debugger.port}".lstrip("@")
             if as_json:
                 _print_served(
                     Served(urls[0], urls[1], urls_of_uarts, gdb_at, bench.firmware.name, bench.rig.name, model)

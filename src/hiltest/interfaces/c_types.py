@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, TypeAlias
 
+from hiltest.budgets import DEBUG
 from hiltest.errors import ConfigError
 from hiltest.virtual.program.debug_entries import (
     POINTERS,
@@ -183,7 +184,14 @@ def _read_array(entry: Any) -> CType:
 
 
 def array_of(element: CType, dimensions: list[int | None]) -> CType:
-    """Return an array, the outermost dimension first."""
+    """Return an array, the outermost dimension first; the text of each dimension has those within it.
+
+    Raises
+    ------
+    BudgetError
+        If there are more dimensions than `DEBUG` has levels.
+    """
+    DEBUG.check(nesting=len(dimensions))
     base, written = element.text, ""
     for count in reversed(dimensions):
         written = f"[{'' if count is None else count}]{written}"
@@ -238,7 +246,7 @@ def _bit_field(member: Any, kind: Any) -> BitField | None:
     return BitField(begin + 8 * storage.value - from_top.value - size.value, size.value)
 
 
-_WRITTEN = re.compile(r"\s*(float|double|bool|u?int(?:8|16|32|64))(?:_t)?\s*((?:\[\s*\d{1,7}\s*\]\s*)*)")
+_WRITTEN = re.compile(r"\s*(float|double|bool|u?int(?:8|16|32|64))(?:_t)?\s*((?:\[\s*\d{1,7}\s*\]\s*){0,64})")
 _WRITTEN_SIZES = {"float": 4, "double": 8, "bool": 1}
 
 

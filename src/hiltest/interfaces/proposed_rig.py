@@ -173,26 +173,35 @@ def rig_text(
     name: str,
     firmware: str | None,
     choose: Choose | None,
+    machine: str | None = None,
 ) -> str:
     """Return the text of a rig.
 
     Parameters
     ----------
     base
-        Text of the rig `Proposals.base_rig`.
+        Text of the rig `Proposals.base_rig`, or of the rig of `machine`.
     name, firmware
         Name of the rig; path of the ELF from the rig's folder, None if only a real board runs it.
     choose
         Asks the user; None without a user: only sure candidates are used.
+    machine
+        Virtual board that the firmware is for; None for the FRDM-K64F.
     """
     remark = f"# Incomplete: {_legible(proposals.remark)}\n" if proposals.remark else ""
     tables = _WORLD if firmware is not None else [table for table in _WORLD if table not in ("world", "turntable")]
-    world = [part.strip("\n") for part in base.split("\n\n") if re.search(rf"(?m)^\[(?:{'|'.join(tables)})\]$", part)]
+    world = [
+        part.strip("\n")
+        for part in base.split("\n\n")
+        if re.search(rf"(?m)^\[\[?(?:{'|'.join(tables)})(?:\.parts\])?\]$", part)
+    ]
     counted = [f"{function} = {json.dumps(function)}" for function in proposals.functions]
-    board = f'[board]\nkind = "virtual"\nfirmware = {json.dumps(firmware, ensure_ascii=False)}'
+    board = '[board]\nkind = "virtual"\n' + (f'machine = "{machine}"\n' if machine else "")
+    board += f"firmware = {json.dumps(firmware, ensure_ascii=False)}"
     parts = [
         f"# {name}: proposed by hiltest from an ELF's names and texts. Guesses are comments, best first.\n"
-        f"# World, field, turntable and sensors are those of rig {proposals.base_rig}: replace them by your board's.\n"
+        f"# World, field, turntable and sensors are those of rig {machine or proposals.base_rig}: "
+        "replace them by your board's.\n"
         f"{remark}schema = 1\nname = {json.dumps(name)}\nseed = 1",
         *([_REAL_BOARD] if firmware is None else [board]),
         *_device(proposals, kind, choose),

@@ -23,6 +23,7 @@ _REMOVED = {0, 0xFFFFFFFF}  # addresses that linkers write for removed variables
 _LISTS = {"DW_FORM_sec_offset", "DW_FORM_loclistx", "DW_FORM_data4", "DW_FORM_data8"}
 _VOLATILE = "declare it volatile to have it in memory"
 _MOST_NAMED = 8
+_MOST_FILES = 64  # with static variables of one name, which are told apart by their files
 _CPP = {0x04, 0x1A, 0x21, 0x2B}  # DW_LANG_C_plus_plus, and those of 11, 14 and 20
 
 
@@ -55,7 +56,10 @@ class VariableIndex:
     """
 
     def __init__(self, dwarf: Any, objects: Sequence[Symbol]) -> None:
-        self._objects = objects
+        self._addresses = {symbol.address for symbol in objects}
+        self._symbols: dict[str, list[Symbol]] = {}
+        for symbol in objects:
+            self._symbols.setdefault(symbol.name, []).append(symbol)
         self._units = [unit.get_top_DIE() for unit in dwarf.iter_CUs()]
         self._types = [unit.get_top_DIE() for unit in dwarf.iter_TUs()]  # of -fdebug-types-section
 
@@ -110,7 +114,7 @@ class VariableIndex:
 
     def _find_by_symbol(self, name: str, entry: Any, file: str) -> FoundVariable | None:
         """Return a variable at the only symbol of its name and size."""
-        symbols = [symbol for symbol in self._objects if symbol.name == name]
+        symbols = self._symbols.get(name, [])
         kind = next_type(entry)
         if len(symbols) != 1 or symbols[0].size != size_of(read_type(kind)):
             return None
@@ -120,18 +124,15 @@ class VariableIndex:
         full = f"{path.scope}::{path.name}" if path.scope else path.name
         entries = self._entries_by_name.get(full, [])
         if path.scope and not entries:
-            return [
-                (entry, file)
-                for function, entry, file in self._statics
-                if function == path.scope and name_of(entry) == path.name
-            ]
+            return self._statics.get((path.scope, path.name), [])
         return entries
 
     @cached_property
-    def _statics(self) -> list[tuple[str, Any, str]]:
-        """Static variables within functions: the function, the entry and its file."""
-        return [
-            (name_of(function), entry, _source_file(entry))
+    def _statics(self) -> dict[tuple[str, str], list[tuple[Any, str]]]:
+        """Static variables within functions, with the file of each, by the names of function and variable."""
+        statics: dict[tuple[str, str], list[tuple[Any, str]]] = {}
+        for name, entry in (
+            (name_of(function), entry)
             for top in self._units
             for _, function in _scoped_entries(top)
             if function.tag == "DW_TAG_subprogram"
@@ -139,14 +140,16 @@ class VariableIndex:
             if entry.tag == "DW_TAG_variable"
             and "DW_AT_location" in entry.attributes
             and _operations(entry)[:1] in ([_ADDRESS], [])
-        ]
+        ):
+            statics.setdefault((name, name_of(entry)), []).append((entry, _source_file(entry)))
+        return statics
 
     def listed(self) -> Iterator[tuple[str, FoundVariable]]:
         """Yield every variable in memory, with its path."""
-        within = [(f"{function}::{name_of(entry)}", [file]) for function, entry, file in self._statics if function]
-        at_top = [(name, [file for _, file in entries]) for name, entries in self._entries_by_name.items()]
-        for name, files in [*at_top, *within]:
-            for path in (name, *(f"{PurePosixPath(file).name}:{name}" for file in sorted(set(files)))):
+        within = {"::".join(names): entries for names, entries in self._statics.items() if names[0]}
+        for name, entries in [*self._entries_by_name.items(), *within.items()]:
+            files = sorted({file for _, file in entries})[:_MOST_FILES]
+            for path in (name, *(f"{PurePosixPath(file).name}:{name}" for file in files)):
                 try:
                     variable = self.find(read_path(path))
                 except ConfigError:
@@ -157,7 +160,7 @@ class VariableIndex:
 
     def functions_with(self, name: str) -> list[str]:
         """Return the functions that have a static variable of a name."""
-        return sorted({function for function, entry, _ in self._statics if name_of(entry) == name and function})
+        return sorted({function for function, variable in self._statics if variable == name and function})
 
     @property
     def names(self) -> list[str]:
@@ -229,7 +232,7 @@ class VariableIndex:
         address = _plain_address(operations, entry.cu["address_size"])
         if address is None:
             raise _NoPlaceError(f"is split or computed, without an address; {_VOLATILE}")
-        if address in _REMOVED and all(variable.address != address for variable in self._objects):
+        if address in _REMOVED and address not in self._addresses:
             raise _NoPlaceError("is not in this firmware: the linker removed it as unused")
         return address
 

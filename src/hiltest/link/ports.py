@@ -71,7 +71,8 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
     Parameters
     ----------
     url
-        A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``, ``usb://``).
+        A device (``/dev/ttyACM0``, ``COM3``) or a pyserial URL (``rfc2217://``, ``socket://``, ``hil://``, ``usb://``);
+        of ``socket://TOKEN@HOST:PORT`` the token is sent as a line of its own.
     baud
         Line speed.
     rig
@@ -104,6 +105,8 @@ def open_port(url: str, *, baud: int = 115_200, rig: str = "") -> SerialPort:
         if isinstance(error, serial.SerialException):
             raise _refusal(url, error) from error
         raise
+    if url.lower().startswith("socket://") and (token := urlsplit(url).username):
+        port.write(f"{token}\n".encode())  # of a served port that is not on a loopback address
     if lock is not None:
         _release_when_closed(port, lock)
     opened: SerialPort = port

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from itertools import chain, pairwise
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 
 from hiltest.calibration.accelerometer import MOVED_SPREAD_MG
 from hiltest.errors import OperatorAbsentError, TurntableError
-from hiltest.orientation.angles import Pose
-from hiltest.procedures.turntables import QUESTIONS, Achieved, OperatorTurntable, heading_of
+from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_180
+from hiltest.procedures.hand_checks import LEAST_TURN_DEG, setting_errors_deg, turn_fault
+from hiltest.procedures.turntables import AXES_IN_WORDS, QUESTIONS, Achieved, OperatorTurntable, heading_of
 from hiltest.text import format_count, join_words
 
 Reals = NDArray[np.float64]
@@ -29,6 +31,7 @@ _NAMED_AT_MOST = 3
 BEGINS_ANEW = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 """Note before the first question about firmware that does not identify its build or its calibration."""
 _ORDERS = (
+    f"{AXES_IN_WORDS} Pitch + lifts the nose, roll + lowers the right side.\n"
     "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
     "r takes the last one again, s skips, b goes back, q stops.\n"
 )
@@ -41,6 +44,7 @@ class Wish(Enum):
     SKIP = "skip"
     BACK = "back"
     STOP = "quit"
+    KEEP = "keep"
 
 
 def wish_of(answer: str) -> Wish | None:
@@ -75,14 +79,20 @@ class PoseWalk:
     taken : list of int
         Poses in the order of their latest capture.
     skipped : set of int
+    offered : list of int
+        Taken poses that are requested once more, in this order.
     at : int or None
         Requested pose; None if none is open.
+    decision : str
+        Reason why no further pose is needed; empty while they are.
     """
 
-    def __init__(self, of: int, earlier: Iterable[int] = ()) -> None:
-        self.of = of
+    def __init__(self, of: int, earlier: Iterable[int] = (), order: Sequence[int] = (), decision: str = "") -> None:
+        self.of, self.decision = of, decision
+        self._order = order or range(of)
         self.taken = list(earlier)
         self.skipped: set[int] = set()
+        self.offered: list[int] = []
         self.at = self._open()
 
     @property
@@ -95,12 +105,17 @@ class PoseWalk:
         if self.at is not None:
             self.taken = [*(index for index in self.taken if index != self.at), self.at]
             self.skipped.discard(self.at)
-        self.at = self._open()
+        self.at = self._open(done=self.at)
 
     def skip(self) -> None:
         """Skip the pose; one that was taken before is kept."""
         if self.at is not None and self.at not in self.taken:
             self.skipped.add(self.at)
+        self.at = self._open(done=self.at)
+
+    def offer(self, poses: Iterable[int]) -> None:
+        """Request taken poses once more."""
+        self.offered = list(poses)
         self.at = self._open()
 
     def back(self) -> None:
@@ -112,8 +127,11 @@ class PoseWalk:
         if self.taken:
             self.at = self.taken[-1]
 
-    def _open(self) -> int | None:
-        return next((index for index in range(self.of) if index not in self.taken and index not in self.skipped), None)
+    def _open(self, done: int | None = None) -> int | None:
+        self.offered = [index for index in self.offered if index != done]
+        needed = () if self.decision else self._order
+        new = (index for index in needed if index not in self.taken and index not in self.skipped)
+        return next(chain(self.offered, new), None)
 
 
 class Glance(NamedTuple):
@@ -143,10 +161,22 @@ class PoseReader(Protocol[Reading]):
         True if a run that was stopped can go on: the board shows that its firmware and calibration are the same.
     may_glance : bool
         True if the board may be read while a question waits.
+    has_known_scale : bool
+        True if the size of the raw field is the sensor's, not the firmware's word.
     """
 
     can_go_on: bool
     may_glance: bool
+    has_known_scale: bool
+
+    def field_at(self, achieved: Achieved) -> Reals:
+        """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
+
+    def read_ut(self, reading: Any) -> Reals | None:
+        """Return the mean of the raw magnetometer, shape (3,) [uT]; None if the firmware does not report it."""
+
+    def moved_between(self, before: Any, after: Any) -> str:
+        """Describe how field or gravity differ between two readings; empty if they are equal within their noise."""
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
@@ -186,9 +216,10 @@ class StoredPoses(Generic[Taken]):
 def walk_by_hand(
     table: OperatorTurntable,
     poses: Sequence[Pose],
-    earlier: Iterable[int],
+    walk: PoseWalk,
     *,
-    take: Callable[[int, float], str],
+    take: Callable[[int, float | None], str],
+    check: Callable[[], Mapping[int, str]],
     look: Callable[[], Glance] | None,
     now_s: Callable[[], float],
     say: str,
@@ -198,11 +229,11 @@ def walk_by_hand(
 
     Parameters
     ----------
-    earlier
-        Poses that are stored already.
     take
-        Captures the reached pose, by its index and heading [deg], and returns a description of the motion; empty if it
-        was captured.
+        Captures the reached pose, by its index and heading [deg], or, without a heading, keeps the reading that was
+        doubted there; returns the reason to ask again, empty if it was captured.
+    check
+        Returns the captured poses that stick out, each with a description. Each is requested once more.
     look
         Returns the board's heading while a question waits; None for questions without one.
     now_s
@@ -221,18 +252,24 @@ def walk_by_hand(
     TurntableError
         When every pose was skipped.
     """
-    walk = PoseWalk(len(poses), earlier)
     pace = _Pace(walk, now_s)
-    message, nonsense = f"\n{say}{_ORDERS}", 0
+    message, nonsense = f"{say}{_ORDERS}", 0
+    offered: set[int] = set()
     while True:
+        if walk.at is None:
+            again = {index: reason for index, reason in check().items() if index not in offered}
+            offered |= again.keys()
+            walk.offer(again)
+            message += "".join(f"pose {index + 1} sticks out: {reason}.\n" for index, reason in again.items())
         at = walk.at
-        text = message + (_ask_at_end(walk) if at is None else question_of(at, poses[at]))
+        text = message + (_ask_at_end(walk) if at is None else question_of(at, poses[at], is_taken=at in walk.offered))
         answer = table.ask(text if look is None else Question(text, lambda: f"{look()}; {pace()}"))
         wish, message = wish_of(answer), ""
         if wish is Wish.STOP:
             raise KeyboardInterrupt(
                 f"the operator stops, with {len(walk.taken)} of {walk.of} known angles taken; {stopped}"
             )
+        heading_deg = None if at is None else heading_of(answer, poses[at].heading_deg)
         if wish is Wish.REDO:
             walk.redo()
         elif wish is Wish.BACK:
@@ -240,63 +277,152 @@ def walk_by_hand(
         elif wish is Wish.SKIP:
             walk.skip()
             message = f"pose {at + 1} is not measured.\n" if at in walk.skipped and at is not None else ""
-        elif at is None:
-            if not answer.strip():
-                break
-        elif (heading_deg := heading_of(answer, poses[at].heading_deg)) is None:
+        elif at is None and not answer.strip():
+            break
+        elif at is None or (heading_deg is None and wish is not Wish.KEEP):
             nonsense += 1
             if nonsense == QUESTIONS:
                 raise OperatorAbsentError(
                     f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?"
                 )
+            message = f"{answer.strip()!r} is neither a heading between -360 and 360 nor one of the letters.\n"
             continue
-        elif moved := take(at, heading_deg):
-            message = f"the board does not stand still: {moved}.\n"
-        else:
+        elif not (message := take(at, heading_deg)):
             walk.take()
         nonsense = 0
     if not walk.taken:
         raise TurntableError("every known angle was skipped: there is no heading to judge")
 
 
+class _HandReadings(Generic[Taken]):
+    """Readings at known angles, each checked against the one before it."""
+
+    def __init__(
+        self,
+        reader: PoseReader[Taken],
+        table: OperatorTurntable,
+        poses: Sequence[Pose],
+        stored: StoredPoses[Taken] | None,
+        order: Sequence[int],
+        decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str],
+    ) -> None:
+        earlier = {} if stored is None else stored.readings
+        self.readings = {index: place for index, place in earlier.items() if index < len(poses)}
+        self.walk, self._decide = PoseWalk(len(poses), self.readings, order, decide(self.readings)), decide
+        self._reader, self._table, self._poses, self._stored = reader, table, poses, stored
+        self._doubted: tuple[int, tuple[Achieved, Taken]] | None = None
+        self._doubts = 0
+        self.trusts = False  # True once the operator has kept a doubted reading: then the sensor is wrong, or the check
+
+    def take(self, at: int, heading_deg: float | None) -> str:
+        """Capture a pose, or keep the doubted reading; return the reason to ask again."""
+        if heading_deg is None:
+            if self._doubted is None or self._doubted[0] != at:
+                return "no reading of this pose was doubted: there is none to keep.\n"
+            place, self.trusts = self._doubted[1], True
+        else:
+            reading, motion = self._reader.read_when_still(self._poses[at])
+            if reading is None:
+                return f"the board does not stand still: {motion}.\n"
+            place = self._table.achieved(self._poses[at], heading_deg), reading
+        if not self.trusts and self.walk.taken and (fault := self._turn_fault(self.walk.taken[-1], place)):
+            self._doubted, self._doubts = (at, place), self._doubts + 1
+            if self._doubts == QUESTIONS:
+                raise OperatorAbsentError(f"{QUESTIONS} times in a row {fault}: is an operator there?")
+            return f"{fault}. Turn the board and press Enter, or type k if it was turned: then its sensor is wrong.\n"
+        self._doubts = 0
+        self.readings[at] = place
+        self.walk.decision = self._decide(self.readings)
+        if self._stored is not None:
+            self._stored.keep(at, place)
+        return ""
+
+    def _is_unturned(self, last: tuple[Achieved, Taken], place: tuple[Achieved, Taken]) -> bool:
+        """Return whether two readings are equal although the scale says that the board was turned."""
+        (before, at_last), (after, reading) = last, place
+        turn = rotation_body_from_ned(_pose(after)) @ rotation_body_from_ned(_pose(before)).T
+        is_asked = turn.trace() < 1.0 + 2.0 * math.cos(math.radians(LEAST_TURN_DEG))
+        is_known = self._reader.read_ut(reading) is not None
+        return is_asked and is_known and not self._reader.moved_between(at_last, reading)
+
+    def _turn_fault(self, last: int, place: tuple[Achieved, Taken]) -> str:
+        """Describe how a reading contradicts the turn from the last one; empty if it does not."""
+        reader, (before, at_last), (after, reading) = self._reader, self.readings[last], place
+        if self._is_unturned(self.readings[last], place):
+            return f"you did not turn: field and gravity are those of pose {last + 1}, {place_of(self._poses[last])}"
+        read = reader.read_ut(at_last), reader.read_ut(reading)
+        turned_deg = wrap_180(after.heading_deg - before.heading_deg)
+        same_tilt = (before.pitch_deg, before.roll_deg) == (after.pitch_deg, after.roll_deg)
+        if read[0] is None or read[1] is None or not same_tilt or abs(turned_deg) < LEAST_TURN_DEG:
+            return ""
+        known_fields = reader.field_at(before), reader.field_at(after)
+        return turn_fault(known_fields, (read[0], read[1]), turned_deg) if reader.has_known_scale else ""
+
+    def unset(self) -> dict[int, str]:
+        """Return the poses at which the board was not set as the operator says, each with a description."""
+        unturned = {
+            index: f"the readings of poses {before + 1} and {index + 1} are equal"
+            for before, index in pairwise(self.walk.taken)
+            if self._is_unturned(self.readings[before], self.readings[index])
+        }
+        order = sorted(self.readings)
+        places = [self.readings[index] for index in order]
+        fields = [self._reader.read_ut(reading) for _, reading in places]
+        if any(field is None for field in fields):
+            return unturned
+        known_fields = np.array([self._reader.field_at(achieved) for achieved, _ in places])
+        gravity = np.array([rotation_body_from_ned(_pose(achieved))[:, 2] for achieved, _ in places])
+        faults = {}
+        errors_deg = setting_errors_deg(known_fields, gravity, np.array(fields), self._table.uncertainty_deg)
+        for row, error_deg in errors_deg.items():
+            set_deg = places[row][0].heading_deg
+            faults[order[row]] = f"the scale says {set_deg:g}, the field {(set_deg + error_deg) % 360.0:.0f}"
+        return faults | unturned
+
+
+def _pose(achieved: Achieved) -> Pose:
+    return Pose(achieved.heading_deg, achieved.pitch_deg, achieved.roll_deg)
+
+
 def take_by_hand(
-    reader: PoseReader[Taken], table: OperatorTurntable, poses: Sequence[Pose], stored: StoredPoses[Taken] | None
-) -> dict[int, tuple[Achieved, Taken]]:
+    reader: PoseReader[Taken],
+    table: OperatorTurntable,
+    poses: Sequence[Pose],
+    stored: StoredPoses[Taken] | None,
+    order: Sequence[int],
+    decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str],
+) -> tuple[dict[int, tuple[Achieved, Taken]], dict[int, str], str]:
     """Ask for each pose, wait until the board stands still, and read it; see `walk_by_hand` for errors.
 
     Parameters
     ----------
     stored
         Poses that an earlier run captured; None if no journal is kept.
+    order, decide
+        As for `hiltest.procedures.known_angles.take_known_angles`.
 
     Returns
     -------
-    dict of int to (Achieved, reading)
-        Results by the index of the pose, in order, without skipped ones.
+    tuple
+        The fields of `hiltest.procedures.known_angles.TakenAngles`.
     """
-    readings = (
-        {} if stored is None else {index: place for index, place in stored.readings.items() if index < len(poses)}
-    )
-
-    def take(at: int, heading_deg: float) -> str:
-        reading, motion = reader.read_when_still(poses[at])
-        if reading is not None:
-            readings[at] = table.achieved(poses[at], heading_deg), reading
-            if stored is not None:
-                stored.keep(at, readings[at])
-        return motion
-
+    hand = _HandReadings(reader, table, poses, stored, order, decide)
     walk_by_hand(
         table,
         poses,
-        readings,
-        take=take,
+        hand.walk,
+        take=hand.take,
+        check=lambda: {} if hand.trusts else hand.unset(),
         look=reader.glance if reader.may_glance else None,
         now_s=reader.now_s,
         say=BEGINS_ANEW if not reader.can_go_on else stored.message if stored is not None else "",
         stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
     )
-    return dict(sorted(readings.items()))
+    return (
+        dict(sorted(hand.readings.items())),
+        {index + 1: fault for index, fault in hand.unset().items()},
+        hand.walk.decision,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -370,15 +496,17 @@ def missing_in_words(skipped: Sequence[Pose], count: int) -> str:
     return f"{len(skipped)} of {len(skipped) + count} known angles not measured: {places}" if skipped else ""
 
 
-def question_of(index: int, pose: Pose) -> str:
-    """Return the question to an operator at a known angle."""
-    return f"pose {index + 1}: turn to {place_of(pose)} and let it stand still.\n  Enter, heading, r, s, b or q: "
+def question_of(index: int, pose: Pose, *, is_taken: bool = False) -> str:
+    """Return the question to an operator at a known angle; skipping keeps the result of one that `is_taken`."""
+    skips = "s (keeps the earlier result)" if is_taken else "s"
+    return f"pose {index + 1}: turn to {place_of(pose)} and let it stand still.\n  Enter, heading, r, {skips}, b or q: "
 
 
 def _ask_at_end(walk: PoseWalk) -> str:
     numbers = join_words([str(index + 1) for index in sorted(walk.skipped)], _NAMED_AT_MOST)
     skipped = f"; {format_count(len(walk.skipped), 'pose')} not measured: {numbers}" if walk.skipped else ""
+    decision = f"{walk.decision}.\n" if walk.decision else ""
     return (
-        f"{len(walk.taken)} of {walk.of} known angles are taken{skipped}.\n"
+        f"{decision}{len(walk.taken)} of {walk.of} known angles are taken{skipped}.\n"
         "  Enter to go on (r takes the last again, b goes back, q stops): "
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,12 @@ class KnownAngles:
     """Shape (n,). Headings, by source."""
     skipped: tuple[Pose, ...]
     """Known angles that an operator skipped; the other fields exclude them."""
+    unset: Mapping[int, str]
+    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
+    decision: str
+    """Reason why the other poses were not measured; empty if all were requested."""
+    estimates: Mapping[str, Mapping[str, tuple[float, float]]]
+    """Value and expanded uncertainty [deg] of statistics over all requested poses, by source, if decided."""
 
     @property
     def reference_deg(self) -> Reals:
@@ -47,7 +54,7 @@ class KnownAngles:
     @property
     def not_measured(self) -> str:
         """Missing known angles, in words; empty without any. A limit applies to the complete set."""
-        return missing_in_words(self.skipped, len(self.poses))
+        return self.decision or missing_in_words(self.skipped, len(self.poses))
 
     def rotate_to_body(self, vector_ned: Sequence[float]) -> Reals:
         """Return a vector of the earth frame in the board's axes at each pose, shape (n, 3)."""
@@ -68,6 +75,18 @@ class KnownAngles:
         return summarise(self._errors_deg(source)[level], self.reference_deg[level]).max_deg if level.any() else None
 
 
+@dataclass(frozen=True, slots=True)
+class TakenAngles(Generic[Taken]):
+    """Readings at known angles."""
+
+    readings: Mapping[int, tuple[Achieved, Taken]]
+    """Results by the index of the pose, in order, without those that an operator skipped."""
+    unset: Mapping[int, str] = field(default_factory=dict)
+    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
+    decision: str = ""
+    """Reason why the other poses were not measured; empty if all were requested."""
+
+
 def take_known_angles(
     reader: PoseReader[Taken],
     turntable: Turntable,
@@ -75,7 +94,9 @@ def take_known_angles(
     *,
     progress: Progress | None = None,
     stored: StoredPoses[Taken] | None = None,
-) -> dict[int, tuple[Achieved, Taken]]:
+    order: Sequence[int] = (),
+    decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str] = lambda readings: "",
+) -> TakenAngles[Taken]:
     """Turn to each pose and read the board there.
 
     Parameters
@@ -88,21 +109,23 @@ def take_known_angles(
         Poses, at least one.
     stored
         Poses that an operator captured in an earlier run.
-
-    Returns
-    -------
-    dict of int to (Achieved, reading)
-        Results by the index of the pose, in order, without those that an operator skipped.
+    order
+        Indices of the poses in the order in which they are measured; their own by default.
+    decide
+        Returns why no pose beside those measured is needed; empty to go on.
     """
     if isinstance(turntable, OperatorTurntable):
-        return take_by_hand(reader, turntable, poses, stored)
-    tell, readings = progress or silent, {}
-    for index, pose in enumerate(poses):
-        tell("known angles", index, len(poses))
-        achieved = turntable.turn_to(pose, known_angle=index)
-        readings[index] = achieved, reader.read(pose)
+        return TakenAngles(*take_by_hand(reader, turntable, poses, stored, order, decide))
+    tell, decision = progress or silent, ""
+    readings: dict[int, tuple[Achieved, Taken]] = {}
+    for index in order or range(len(poses)):
+        tell("known angles", len(readings), len(poses))
+        achieved = turntable.turn_to(poses[index], known_angle=index)
+        readings[index] = achieved, reader.read(poses[index])
+        if decision := decide(readings):
+            break
     tell("known angles", len(poses), len(poses))
-    return readings
+    return TakenAngles(dict(sorted(readings.items())), decision=decision)
 
 
 def attitude_of(achieved: Achieved, mounting_yaw_deg: float) -> Pose:

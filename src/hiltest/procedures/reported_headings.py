@@ -16,7 +16,13 @@ from hiltest.errors import CalibrationError, PoorCoverageError
 from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.interfaces.quantities import Moment, Observation, Quantity, values_of
 from hiltest.orientation import DegenerateFieldError, tilt_heading
-from hiltest.orientation.angles import Pose, circular_mean_deg, heading_error_deg, wrap_180
+from hiltest.orientation.angles import (
+    Pose,
+    circular_mean_deg,
+    heading_error_deg,
+    rotation_body_from_ned,
+    wrap_180,
+)
 from hiltest.procedures.conventions import other_frame, other_tilt, standing_still
 from hiltest.procedures.coverage import sphere_coverage
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, Readings, moved
@@ -31,7 +37,7 @@ from hiltest.procedures.reported_samples import (
     merge_faults,
 )
 from hiltest.procedures.settling import COUNTS_PER_G, Settled, wait_until_settled
-from hiltest.procedures.turntables import Turntable
+from hiltest.procedures.turntables import Achieved, Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.text import format_count
 
@@ -296,10 +302,11 @@ class ReportReader:
         Longest wait for a heading; by default the rig's.
     """
 
-    can_go_on = False
+    can_go_on = has_known_scale = False
 
     def __init__(self, board: Board, longest_s: float | None = None) -> None:
         self._board, self._output, self._longest_s = board, board.output, longest_s
+        self._yaw_deg = _mounting_yaw_deg(board.output.rig)
         self._frame = frame_of(board.output.rig)
         self._before: Sequence[Observation] = ()
         self.may_glance = board.output.may_be_overheard
@@ -307,6 +314,18 @@ class ReportReader:
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
         return self._board.now_s()
+
+    def field_at(self, achieved: Achieved) -> Reals:
+        """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
+        return rotation_body_from_ned(attitude_of(achieved, self._yaw_deg)) @ self._board.declared.field_ned_ut
+
+    def read_ut(self, reading: Settled) -> Reals | None:
+        """Return the mean of the reported raw magnetometer, shape (3,) [uT]; None if the firmware has none."""
+        return _mean(reading, Quantity.MAGNETOMETER, np.asarray)
+
+    def moved_between(self, before: Settled, after: Settled) -> str:
+        """Describe how field or gravity differ between two readings; empty if they are equal within their noise."""
+        return self._movement(before.window, after.window)
 
     def read(self, pose: Pose) -> Settled:
         """Wait until the heading of a board that stands has settled."""
@@ -400,8 +419,9 @@ def measure_reported_angles(
         Longest wait for a heading; by default the rig's.
     """
     rig = board.output.rig
-    frame, yaw_deg = frame_of(rig), rig.mounting.yaw_deg if rig.mounting else 0.0
-    readings = take_known_angles(ReportReader(board, longest_s), turntable, poses, progress=progress)
+    frame, yaw_deg = frame_of(rig), _mounting_yaw_deg(rig)
+    taken = take_known_angles(ReportReader(board, longest_s), turntable, poses, progress=progress)
+    readings = taken.readings
     held: list[HeldPose] = []
     for achieved, settled in readings.values():
         attitude = attitude_of(achieved, yaw_deg)
@@ -424,6 +444,9 @@ def measure_reported_angles(
         attitudes=tuple(pose.attitude for pose in held),
         heading_deg={source: np.array(values) for source, values in headings.items()},
         skipped=tuple(pose for index, pose in enumerate(poses) if index not in readings),
+        unset=taken.unset,
+        decision="",
+        estimates={},
         held=tuple(held),
         belief=belief,
         tilt_error_deg=max(
@@ -432,6 +455,10 @@ def measure_reported_angles(
         ),
         contradictions=_contradictions(held, headings[FIRMWARE], tilts, rig),
     )
+
+
+def _mounting_yaw_deg(rig: Rig) -> float:
+    return rig.mounting.yaw_deg if rig.mounting else 0.0
 
 
 def _headings_by_source(held: Sequence[HeldPose], belief: Belief) -> dict[str, list[float]]:

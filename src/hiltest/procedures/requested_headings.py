@@ -22,12 +22,13 @@ from hiltest.link.replies import (
     SlotHeading,
 )
 from hiltest.orientation import DegenerateFieldError, tilt_heading
-from hiltest.orientation.angles import Pose, heading_error_deg, wrap_180
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180
 from hiltest.orientation.heading_models import Poses, Stage, fit_causes
 from hiltest.procedures.calibrate import UNCALIBRATED, UNCALIBRATED_SLOT
+from hiltest.procedures.fewest_poses import FewestPoses
 from hiltest.procedures.hand_poses import STILL_WITHIN_S, Glance, PoseJournal, Readings, StoredPoses, moved, place_of
 from hiltest.procedures.heading_statistics import rms
-from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
+from hiltest.procedures.known_angles import KnownAngles, Reals, TakenAngles, attitude_of, take_known_angles
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.turntables import Achieved, Turntable
 
@@ -85,12 +86,14 @@ class RequestReader:
         Slots of the calibrations, by name.
     readings
         New samples of each sensor to average at each pose.
+    mounting_yaw_deg
+        Declared turn of the board on the table.
     """
 
-    can_go_on = may_glance = True
+    can_go_on = may_glance = has_known_scale = True
 
-    def __init__(self, board: Board, slots: Mapping[str, int], readings: int) -> None:
-        self._board, self._slots, self._readings = board, slots, readings
+    def __init__(self, board: Board, slots: Mapping[str, int], readings: int, mounting_yaw_deg: float) -> None:
+        self._board, self._slots, self._readings, self._yaw_deg = board, slots, readings, mounting_yaw_deg
         self._mask = sum(1 << slot for slot in slots.values())
         self._shown = next((slot for name, slot in slots.items() if name != UNCALIBRATED), UNCALIBRATED_SLOT)
         self._before: AverageReply | None = None
@@ -98,6 +101,18 @@ class RequestReader:
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
         return self._board.now_s()
+
+    def field_at(self, achieved: Achieved) -> Reals:
+        """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
+        return rotation_body_from_ned(attitude_of(achieved, self._yaw_deg)) @ self._board.declared.field_ned_ut
+
+    def read_ut(self, reading: AverageReply) -> Reals:
+        """Return the mean of the raw magnetometer, shape (3,) [uT]."""
+        return MICROTESLA_PER_COUNT * reading.magnetometer.mean
+
+    def moved_between(self, before: AverageReply, after: AverageReply) -> str:
+        """Describe how field or gravity differ between two readings; empty if they are equal within their noise."""
+        return movement(before, after, self._board.declared.magnetometer_sigma_ut)
 
     def read(self, pose: Pose) -> AverageReply:
         """Return the means and headings of a board that stands.
@@ -163,6 +178,7 @@ def measure_known_angles(
     readings: int = 16,
     progress: Progress | None = None,
     journal: PoseJournal | None = None,
+    fewest: FewestPoses | None = None,
 ) -> RequestedAngles:
     """Turn to each pose and ask the board for its heading under each calibration.
 
@@ -180,6 +196,8 @@ def measure_known_angles(
         New samples of each sensor to average at each pose.
     journal
         Stores captured poses of an operator, and returns those stored already.
+    fewest
+        Decides after each pose whether more are needed; None for all poses.
 
     Raises
     ------
@@ -192,16 +210,39 @@ def measure_known_angles(
     """
     for kind in (SensorKind.MAGNETOMETER, SensorKind.ACCELEROMETER):
         board.sensor(kind)
-    reader = RequestReader(board, slots, readings)
+    reader = RequestReader(board, slots, readings, mounting_yaw_deg)
     stored = reader.stored_poses(journal) if journal else None
-    by_index = take_known_angles(reader, turntable, poses, progress=progress, stored=stored)
+
+    def errors_deg(readings: Mapping[int, tuple[Achieved, AverageReply]]) -> dict[str, dict[int, float]]:
+        return {
+            name: {
+                index: heading_error_deg(
+                    _attitude(answer.headings[slot], name, poses[index]).heading_deg,
+                    attitude_of(achieved, mounting_yaw_deg).heading_deg,
+                )
+                for index, (achieved, answer) in readings.items()
+            }
+            for name, slot in slots.items()
+        }
+
+    taken = take_known_angles(
+        reader,
+        turntable,
+        poses,
+        progress=progress,
+        stored=stored,
+        order=fewest.order if fewest else (),
+        decide=lambda readings: fewest.decision(errors_deg(readings)) if fewest else "",
+    )
+    estimates = fewest.estimates(errors_deg(taken.readings)) if fewest and taken.decision else {}
     known_angles = _requested_angles(
         poses,
-        by_index,
+        taken,
         slots,
         mounting_yaw_deg,
         fits={name: board.session.request(GetAccelerometer(slot)) for name, slot in slots.items()},
         calibrations={name: board.session.request(GetCalibration(slot)) for name, slot in slots.items()},
+        estimates=estimates,
     )
     for name in slots:
         _check_arithmetic(known_angles, name)
@@ -316,13 +357,15 @@ def _mistake(known_angles: RequestedAngles, name: str) -> str:
 
 def _requested_angles(
     asked: Sequence[Pose],
-    by_index: Mapping[int, tuple[Achieved, AverageReply]],
+    taken: TakenAngles[AverageReply],
     slots: Mapping[str, int],
     mounting_yaw_deg: float,
     *,
     fits: dict[str, AccelerometerFit],
     calibrations: dict[str, CalibrationReply],
+    estimates: Mapping[str, Mapping[str, tuple[float, float]]],
 ) -> RequestedAngles:
+    by_index = taken.readings
     poses = [asked[index] for index in by_index]
     achieved, answers = [position for position, _ in by_index.values()], [answer for _, answer in by_index.values()]
     spreads = [answer.magnetometer.spread for answer in answers if answer.magnetometer.spread is not None]
@@ -335,6 +378,9 @@ def _requested_angles(
         attitudes=tuple(attitude_of(place, mounting_yaw_deg) for place in achieved),
         heading_deg={name: np.array([tilt.heading_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         skipped=tuple(pose for index, pose in enumerate(asked) if index not in by_index),
+        unset=taken.unset,
+        decision=taken.decision,
+        estimates=estimates,
         pitch_deg={name: np.array([tilt.pitch_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         roll_deg={name: np.array([tilt.roll_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         tilt_error_deg={name: _tilt_errors_deg(tilts, achieved) for name, tilts in attitudes.items()},

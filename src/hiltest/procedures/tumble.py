@@ -14,10 +14,11 @@ from hiltest.boards.board import Board
 from hiltest.errors import FirmwareContradictionError, PoorCoverageError, TurntableError
 from hiltest.link.messages import MAX_POINTS_READ, ClearPoints, Collect, Points
 from hiltest.link.replies import SensorKind
-from hiltest.procedures.coverage import sphere_coverage
+from hiltest.procedures.coverage import hole_in_words, sphere_coverage
 from hiltest.procedures.cycles import upload_pairs
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Turntable
+from hiltest.rig import Rig
 
 Counts = NDArray[np.int16]
 
@@ -37,6 +38,8 @@ _LOOK_S = 0.01
 _LATE = 1.15
 # Factor on the duration by the controller's rates.
 _PATIENCE = 10.0
+# Below this share of the sphere nothing holds an ellipsoid: `hiltest.verdict.causes` calls it poor coverage.
+_LEAST_COVERAGE = 0.5
 _GOLDEN_SECTION = (math.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -75,6 +78,7 @@ def collect_tumble(
     *,
     points: int = 300,
     chunk: int = 100,
+    refuse: Callable[[Tumble], str] = lambda tumble: "",
     progress: Progress | None = None,
     sleep: Callable[[float], None] | None = None,
 ) -> Tumble:
@@ -89,6 +93,8 @@ def collect_tumble(
     chunk
         Points per request. Within a chunk the points are consecutive samples; progress
         and coverage are reported after each.
+    refuse
+        Returns why a tumble does not suffice, empty if it does; an operator is then asked for another one.
     sleep
         Waits for a number of seconds [s] of the board's clock, between the points of a slow table;
         by default the board's own.
@@ -116,15 +122,31 @@ def collect_tumble(
     board.sensor(SensorKind.MAGNETOMETER)
     if points > board.identity.max_points:
         raise PoorCoverageError(f"{points} points asked for; the board's buffer holds {board.identity.max_points}")
-    wait = sleep or board.sleep
-    for _ in range(_TUMBLES):
+    wait, late = sleep or board.sleep, 0
+    while late < _TUMBLES:
         tumble, was_late = _one_tumble(board, turntable, points, chunk, progress or silent, wait)
-        if not was_late:
+        late += was_late
+        reason = "" if was_late else refuse(tumble)
+        if not was_late and not (reason and turntable.again(reason)):
             return tumble
     raise TurntableError(
         f"in each of {_TUMBLES} tumbles a request or its answer was late, so the points do not match the positions "
         "of the table. Check the line: cable, ground and baud rate"
     )
+
+
+def poor_coverage(tumble: Tumble, rig: Rig) -> str:
+    """Describe a tumble that covers less of the sphere than the rig's limit, or half without one; empty if it suffices.
+
+    Points from which calibrators get fewer count as those fewer.
+    """
+    limit = rig.limits.get("tumble.coverage")
+    least = _LEAST_COVERAGE if limit is None or limit.min is None else limit.min / 100.0
+    n, field = rig.procedure.calibration_points, rig.field
+    if (coverage := tumble.coverage_of(n)) >= least:
+        return ""
+    hole = hole_in_words(tumble.points[:n], field_ut=tumble.field_ut, dip_deg=field.dip_deg)
+    return f"the tumble covers {coverage:.0%} of the sphere, at least {least:.0%} is needed: {hole}"
 
 
 def _one_tumble(

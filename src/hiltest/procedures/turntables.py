@@ -35,6 +35,7 @@ FACE_WORDS = {
 HAND_TUMBLE_S = 45.0
 # Duration of the motion for a filter test by a hand or a motor.
 SWAY_S = 24.0
+AXES_IN_WORDS = "Axes of the board: x points to its nose, y to its right side, z through it, down when it is level."
 #: Number of consecutive invalid answers after which the operator counts as absent.
 QUESTIONS = 3
 
@@ -232,9 +233,10 @@ class OperatorTurntable:
 
     def turn_to_face(self, face: Face) -> None:
         """Ask for the board to be put on a face, square and on a level surface."""
+        axes = f"{AXES_IN_WORDS}\n" if face is FACES[0] else ""
         self.ask(
-            f"face {FACES.index(face) + 1} of 6: put the board {FACE_WORDS[face]}, square on a level surface, and "
-            "let go of it. Enter when it lies still: "
+            f"{axes}face {FACES.index(face) + 1} of 6: put the board {FACE_WORDS[face]}, square on a level surface, "
+            "and let go of it. Enter when it lies still: "
         )
 
     def tumble(self, duration_s: float) -> float:

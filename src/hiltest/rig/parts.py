@@ -161,6 +161,7 @@ PARTS: Mapping[str, Part] = {
 #: The models of hiltest by their names in ``[[sensors.parts]]``; a user's have an entry point of the group `GROUP`.
 MODELS: Mapping[str, str] = {
     "bmm150": "hiltest.world.sensors.bmm150:Bmm150",
+    "i3g4250d": "hiltest.world.sensors.i3g4250d:I3g4250d",
     "icm20948": "hiltest.world.sensors.icm20948:Icm20948",
     "mma8653": "hiltest.world.sensors.mma8653:Mma8653",
     "lis3mdl": "hiltest.world.sensors.lis3mdl:Lis3mdl",

@@ -124,6 +124,11 @@ class Rig:
             "faces",
             'is missing: procedure.accelerometer_calibration "six-position" needs their accuracy',
         )
+        require(
+            not self.turntable.fewest_poses or (self.answers_requests and self.mounting is not None),
+            "turntable.fewest_poses",
+            "requires firmware that answers hiltest's requests, and a declared mounting",
+        )
         of_board = self.faults.board_faults if self.faults else ()
         require(
             self.world is not None or not of_board,

@@ -30,8 +30,10 @@ _LONGEST_RUN_S = 1e6
 _NUMBER = "([0-9]|[12][0-9]|3[01])"
 _PINS: dict[str | None, tuple[str, str]] = {
     None: (f"PT[A-E]{_NUMBER}", "PTA0 to PTE31"),
+    "frdm-k64f": (f"PT[A-E]{_NUMBER}", "PTA0 to PTE31"),
     "microbit-v1": (rf"P0\.{_NUMBER}", "P0.0 to P0.31"),
 }
+_OTHER_PINS = r"P[A-K]([0-9]|1[0-5])", "PA0 to PK15"
 
 
 class RigValueError(ValueError):
@@ -80,8 +82,9 @@ class BoardPlace:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real"]
-    machine: Literal["frdm-k64f", "microbit-v1"] | None = None
-    """Board that a virtual one imitates; None is ``frdm-k64f``."""
+    machine: str | None = None
+    """Board that a virtual one imitates: ``frdm-k64f``, ``microbit-v1``, ``stm32f411-disco``, or a machine file ending
+    in ``.toml``, relative to the rig's. None is ``frdm-k64f``."""
     port: str | None = None
     cycle_model: str | None = None
     """Cycle model of a board on a port: ``silicon-dwt``, or the timing profile of a virtual board that is served there.
@@ -238,7 +241,7 @@ class SensorPart:
 
     def check_pins(self, machine: str | None, place: str) -> None:
         """Refuse pins that the processor of a board does not have; `place` is the entry's key."""
-        pattern, words = _PINS.get(machine, _PINS[None])
+        pattern, words = _PINS.get(machine, _OTHER_PINS)
         select, companion_select = [self.chip_select], [self.companion_chip_select]
         for key, pins in (
             ("chip_select", select),
@@ -328,6 +331,8 @@ class TurntableSettings:
     """Duration of an operator's tumble."""
     port: str | None = None
     """Device or pyserial URL of a motor table with Grbl."""
+    fewest_poses: bool | None = None
+    """True to measure known angles only until every limit of a heading is decided."""
     covered: CoveredPart | None = None
     """Part of the sphere for a simulated tumble; None for the whole sphere."""
     tumble_poses_deg: tuple[Triple, ...] | None = None

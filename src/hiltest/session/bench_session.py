@@ -334,6 +334,7 @@ class HilSession:
             return None
         if self.settings.record or self.settings.replay:  # a recording needs every answer from the first question on
             return None
+        from hiltest.procedures.tumble import poor_coverage
         from hiltest.rig.rig import conditions_sha256
         from hiltest.session.by_hand import ByHand
 
@@ -350,6 +351,7 @@ class HilSession:
                 "calibration file": calibration,
                 "set of tests": self.settings.suite,
             },
+            lambda tumble: poor_coverage(tumble, self.rig),
         )
 
     def _connect_here(self) -> None:
@@ -447,14 +449,21 @@ class HilSession:
         return id_in_record(nodeid, self.config.rootpath)
 
     def check(
-        self, name: str, value: float | int | None, *, unit: str, limit: Limit | None = None, **more: Any
+        self,
+        name: str,
+        value: float | int | None,
+        *,
+        unit: str,
+        limit: Limit | None = None,
+        uncertainty: float | None = None,
+        **more: Any,
     ) -> Measurement:
         """Make a measurement and check it against the rig's limit, or else against `limit`.
 
         Parameters
         ----------
-        name, value, unit, limit, **more
-            Arguments of `hiltest.measurement.check`.
+        name, value, unit, limit, uncertainty, **more
+            Arguments of `hiltest.measurement.check`; the uncertainty is that of the rig's reference by default.
 
         Raises
         ------
@@ -466,7 +475,7 @@ class HilSession:
         rig = self.rig_if_needed
         if rig is None:
             # Without a rig the kind of the board is unknown, and with it the values that it cannot offer.
-            return check(name, value, unit=unit, limit=limit, could_offer=True, **more)
+            return check(name, value, unit=unit, limit=limit, could_offer=True, uncertainty=uncertainty, **more)
         unit_of_limit = rig.units.get(name, unit)
         if unit != unit_of_limit:
             raise ValueError(
@@ -480,7 +489,7 @@ class HilSession:
             limit=rig.limits.get(name) or limit,
             information=rig.information.get(name),
             could_offer=kind == "virtual",
-            uncertainty=rig.guard_band_deg(name),
+            uncertainty=rig.guard_band_deg(name) if uncertainty is None else uncertainty,
             **more,
         )
 

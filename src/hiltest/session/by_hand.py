@@ -31,6 +31,8 @@ class ByHand:
         Recorder of this run, whose folder may hold the journal of one that was cut short.
     bench
         Properties, by name, that must be equal for this run to use the steps of another one.
+    refuse
+        Returns why a tumble does not suffice; that of another run is then not used.
 
     Attributes
     ----------
@@ -38,8 +40,10 @@ class ByHand:
         Description of the steps that were taken over, or the reason why none were; empty without an earlier run.
     """
 
-    def __init__(self, recorder: Recorder, bench: Mapping[str, str]) -> None:
-        self._recorder = recorder
+    def __init__(
+        self, recorder: Recorder, bench: Mapping[str, str], refuse: Callable[[Tumble], str] = lambda tumble: ""
+    ) -> None:
+        self._recorder, self._refuse = recorder, refuse
         self._since, entries = recorder.earlier(KIND)
         self._poses: dict[int, tuple[Achieved, AverageReply]] = {}
         self._tumble: Tumble | None = None
@@ -116,9 +120,15 @@ class ByHand:
             *(["the tumble"] if self._tumble else []),
             *([format_count(len(self._poses), "known angle")] if self._poses else []),
         ]
+        refused = self._refuse(self._tumble) if self._tumble else ""
+        if refused:  # its calibrations and poses go with it
+            self._tumble, self._poses, self._held = None, {}, {}
+            entries = [entry for entry in entries if "faces" in entry or "bench" in entry]
+            steps = [step for step in steps if step == "the six faces"]
         for entry in entries[1:]:  # written again, since this run may be stopped before it reaches them
             self._keep(**{name: value for name, value in entry.items() if name != "kind"})
-        return f"goes on with {run}: {', '.join(steps)} taken over" if steps else ""
+        anew = f"the tumble begins anew: {refused}" if refused else ""
+        return "; ".join(filter(None, (f"goes on with {run}: {', '.join(steps)} taken over" if steps else "", anew)))
 
     def _restore(self, entry: Mapping[str, Any]) -> None:
         if "tumble" in entry:

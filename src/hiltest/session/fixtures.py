@@ -51,6 +51,7 @@ class Measure:
         cycle_model: str = "",
         band: CycleRange | None = None,
         note: str = "",
+        uncertainty: float | None = None,
     ) -> Measurement:
         """Record one measurement.
 
@@ -79,6 +80,8 @@ class Measure:
             Uncertainty range of a virtual board's cycles.
         note
             Description of the measured quantity, if the name does not describe it.
+        uncertainty
+            Expanded uncertainty of the value, by default that of the angles of a rig that is turned by hand.
 
         Returns
         -------
@@ -111,6 +114,7 @@ class Measure:
             cycle_model=cycle_model,
             band=band,
             note=note,
+            uncertainty=uncertainty,
             place=place,
             test=self._session.test_id(self._item.nodeid),
         )
@@ -256,7 +260,7 @@ def _session(request: pytest.FixtureRequest) -> HilSession:
 
 
 def _ask(config: pytest.Config, text: str) -> str:
-    """Ask the operator, while pytest's capturing, also of the keyboard, is suspended.
+    """Ask the operator on a line of its own, while pytest's capturing, also of the keyboard, is suspended.
 
     Raises
     ------
@@ -267,6 +271,9 @@ def _ask(config: pytest.Config, text: str) -> str:
     if capture is not None:
         capture.suspend(in_=True)
     try:
+        config.stash[SESSION].clear_progress()
+        if (reporter := config.pluginmanager.getplugin("terminalreporter")) is not None:
+            reporter.ensure_newline()
         return ask(text)
     finally:
         if capture is not None:

@@ -6,6 +6,7 @@ import os
 import select
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from shutil import get_terminal_size
 
 # Interval between updates of the text beside a question; an update itself takes some time [s].
@@ -18,8 +19,8 @@ def ask(text: str) -> str:
     Parameters
     ----------
     text
-        Text of the prompt. On a terminal, the live part of a `Question` is shown after it and updated until the line is
-        typed; elsewhere it is shown like any other text.
+        Text of the prompt. On a terminal, keys that were pressed before are discarded, and the live part of a
+        `Question` is shown after the text and updated until the line is typed.
 
     Raises
     ------
@@ -27,12 +28,22 @@ def ask(text: str) -> str:
         If there is no terminal to ask at.
     """
     live = getattr(text, "live", None)
+    _discard_typed_ahead()
     try:
         return input(text) if live is None or not _is_terminal() else _ask_with_live_text(text, live)
     except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
         from hiltest.errors import OperatorAbsentError
 
         raise OperatorAbsentError.asked(text) from error
+
+
+def _discard_typed_ahead() -> None:
+    """Discard the keys that were pressed before a question: they answer none."""
+    with suppress(ImportError, ValueError, OSError):  # no terminal: another system, a file, or closed
+        import termios
+
+        if sys.stdin is not None and sys.stdin.isatty():
+            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
 
 
 def _is_terminal() -> bool:

@@ -38,7 +38,7 @@ def seed(text: str) -> int:
     argparse.ArgumentTypeError
         If it is another text.
     """
-    if not text.isascii() or not text.isdigit() or int(text) >= 2**32:
+    if not text.isascii() or not text.isdigit() or len(text) > 10 or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"{text!r} is not a seed: a whole number from 0 to 4294967295")
     return int(text)
 

@@ -11,12 +11,15 @@ import numpy as np
 from hiltest.boards.bench import default_firmware
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
 from hiltest.errors import ConfigError
+from hiltest.procedures.golden_points import golden_points
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.buffers import Address, Structure
+from hiltest.virtual.counts.profiling import CallProfile, profile_call
 
 _FIT = struct.Struct("<BBH13f")  # magnetometer_fit_t
 _ENTRY = struct.Struct("<II")  # calibrator_entry_t: name and function
 _LONGEST_NAME = 64
+_PROFILED_POINTS = 100
 _LARGEST = np.iinfo(np.int16)
 MOST_POINTS = 10_000
 """Largest number of points of one call: 60 kB of the 110 kB of RAM that the firmware does not use."""
@@ -93,17 +96,23 @@ class BoardCalibrators:
         fit, cycles = self._call(self._functions[name], counts, anchor)
         return fit, cycles - self._empty
 
+    def profile(self, name: str) -> CallProfile:
+        """Profile the cycles of a calibrator on the 100 golden points of a run; those of an empty call are included."""
+        arguments = _arguments(golden_points(_PROFILED_POINTS).astype(float), None)
+        return profile_call(self._board, self._functions[name], arguments, bytearray(_FIT.size))
+
     def _call(self, function: str, counts: Array, anchor: Array | None) -> tuple[MagnetometerFit, int]:
-        if counts.min() < _LARGEST.min or counts.max() > _LARGEST.max:
-            raise ValueError("counts are out of the range of int16")
-        points = np.ascontiguousarray(counts, dtype="<i2")
-        ends = [points.min(axis=0), points.max(axis=0)] if anchor is None else [anchor, anchor]
         result = bytearray(_FIT.size)
-        arguments = Structure(
-            Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(), np.zeros(1, "<u2")
-        )
-        cost = self._board.call(function, arguments, result)
+        cost = self._board.call(function, _arguments(counts, anchor), result)
         return parse_fit(result), cost.cycles
+
+
+def _arguments(counts: Array, anchor: Array | None) -> Structure:
+    if counts.min() < _LARGEST.min or counts.max() > _LARGEST.max:
+        raise ValueError("counts are out of the range of int16")
+    points = np.ascontiguousarray(counts, dtype="<i2")
+    ends = [points.min(axis=0), points.max(axis=0)] if anchor is None else [anchor, anchor]
+    return Structure(Address(points), np.array([len(points)], "<u2"), np.array(ends, "<i2").ravel(), np.zeros(1, "<u2"))
 
 
 def parse_fit(content: bytes | bytearray) -> MagnetometerFit:

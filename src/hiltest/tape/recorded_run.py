@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from hiltest.errors import ConfigError
 from hiltest.link.transcript import Transcript
@@ -46,4 +46,6 @@ def read_transcript(path: Path) -> tuple[RecordedRun, Transcript]:
         run: RecordedRun = restored(RecordedRun, transcript.recorded)
     except ValueError as error:
         raise ConfigError(f"{path}:1: not the header of a recorded run: {error}; record it again") from None
+    if not run.rig_file.isprintable() or ".." in PureWindowsPath(run.rig_file).parts:
+        raise ConfigError(f"{path}:1: {run.rig_file!r} leads elsewhere, and cannot name a rig; record it again")
     return run, transcript

@@ -21,6 +21,7 @@ class Cause(StrEnum):
     """Cause of a failed heading."""
 
     NONE = "none"
+    NOT_SET = "the board was not at the angle of the scale"
     AXES = "axes"
     ACCELEROMETER = "accelerometer"
     CONSTANT_OFFSET = "constant offset"
@@ -45,6 +46,8 @@ class Cause(StrEnum):
 
 
 ADVICE = {
+    Cause.NOT_SET: "Measure these poses again, and turn the board to each. If it was turned, its magnetometer stands "
+    "still or the scale slips.",
     Cause.AXES: "Compare the driver's axes with the data sheet, and the board's position with [mounting] in the rig.",
     Cause.ACCELEROMETER: "Calibrate the accelerometer first: its error tilts every heading.",
     Cause.CONSTANT_OFFSET: "Check the mounting yaw in the rig, a declination, and the firmware's axes.",

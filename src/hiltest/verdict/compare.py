@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from statistics import fmean
@@ -58,7 +59,8 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
         for pair in pairs
     )
     changes = (
-        _mark_not_taken(_mark_loosened(change, pair), pair, base, new) for change, pair in zip(raw, pairs, strict=True)
+        _mark_not_taken(_mark_few_poses(_mark_loosened(change, pair), pair, names), pair, base, new)
+        for change, pair in zip(raw, pairs, strict=True)
     )
     differences = tuple(
         add_accuracy(_mark_other_input(change, pair, base, new), base.measurements, new.measurements)
@@ -267,6 +269,17 @@ def _mark_loosened(difference: Difference, pairs: Pairs) -> Difference:
     """Return a difference; a loosened limit is shown even if the number did not change."""
     loosened = difference.change is Change.UNCHANGED and pairs.limit_loosened
     return replace(difference, change=Change.CHANGED) if loosened else difference
+
+
+def _mark_few_poses(difference: Difference, pairs: Pairs, names: Set[str]) -> Difference:
+    """Return a difference; values that few poses predict are neither better nor worse within their uncertainties."""
+    sides = [[m.uncertainty for m in side.values() if m and m.uncertainty] for side in (pairs.base, pairs.new)]
+    decides = pairs.newly_out or difference.change not in _MOVED or difference.delta is None
+    if "heading.poses" not in names or decides or not all(sides):
+        return difference
+    if abs(difference.delta or 0.0) > math.hypot(*map(max, sides)):
+        return difference
+    return replace(difference, change=Change.CHANGED, note="within the uncertainty of few poses")
 
 
 def _mark_not_taken(difference: Difference, pairs: Pairs, base: Evidence, new: Evidence) -> Difference:

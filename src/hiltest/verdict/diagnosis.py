@@ -12,6 +12,7 @@ from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.sensor_axes import SensorAxes
 from hiltest.measurement import Measurement, Outcome
 from hiltest.run_record.run import Table
+from hiltest.text import join_words
 from hiltest.verdict.calibrators import fit_status, maximum_of, value_of
 from hiltest.verdict.causes import ADVICE, GOOD_FIT_FACTOR, OF_SOURCE, Cause, HeadingSymptoms, name_cause
 from hiltest.verdict.heading_evidence import CALIBRATION_FILE, HeadingEvidence, read_heading_evidence
@@ -31,6 +32,7 @@ _MAKES_MOST = 0.5
 _ABOUT_ONE_AXIS = 0.3
 _AGAINST_GRAVITY = ("joint", "dpi", "dpi-poses")
 _OF_HEADINGS = ("max", "rms", "bias", "max_centred", "float32_error")
+_NAMED_AT_MOST = 3
 _OF_THE_FIT = (Cause.POOR_COVERAGE, Cause.GOOD_FIT_BAD_HEADING, Cause.BAD_FIT)
 
 
@@ -76,6 +78,10 @@ def diagnose_run(
         causes |= dict.fromkeys(own or [""], Diagnosis(Cause.SAMPLES, "; ".join(faults), f"Check {places}."))
     elif own:
         causes |= dict.fromkeys(own, _diagnose_reported(by_name, tables, is_heading=FIRMWARE in own))
+    if unset := tables.get("heading.unset"):  # nothing can be concluded from headings at such poses
+        poses = join_words([f"pose {pose}: {fault}" for pose, fault in unset.rows], _NAMED_AT_MOST)
+        named = [name for name, diagnosis in causes.items() if name and diagnosis.cause is not Cause.NONE]
+        causes |= dict.fromkeys(named, Diagnosis(Cause.NOT_SET, _append_details(Cause.NOT_SET, [poses])))
     if axes is not None and is_broken and not any(diagnosis.cause is Cause.AXES for diagnosis in causes.values()):
         statuses = {name: value_of(by_name.get(f"fit.{name}.status")) for name in _AGAINST_GRAVITY}
         mirrored = [name for name, status in statuses.items() if status == FitStatus.MIRRORED]

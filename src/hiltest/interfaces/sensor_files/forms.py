@@ -125,10 +125,10 @@ def _json_lines(path: Path, lines: Sequence[Line]) -> Form | None:
     is_document = len(lines) == first + 1 and _LONG_LIST.search(lines[first].text)
     if is_document or lines[0].text.startswith("["):
         return None  # one JSON document that contains its rows
-    found = []
+    tables = []
     for line in lines[first:]:
         with suppress(ValueError):  # the row parser reports the error
-            found.append(_values(line.text))
+            tables.append(_values(line.text))
 
     def values(lines: Iterable[Line]) -> Iterator[tuple[Line, dict[str, str]]]:
         for line in lines:
@@ -140,7 +140,7 @@ def _json_lines(path: Path, lines: Sequence[Line]) -> Form | None:
                 yield line, {}
 
     texts = [line.text for line in lines[first:]]
-    return _json_form(found, values, lines[:first], f"first {len(lines)} lines", texts)
+    return _json_form(tables, values, lines[:first], f"first {len(lines)} lines", texts)
 
 
 def _json_document(path: Path, lines: Sequence[Line], others: Iterator[Line]) -> Form | None:

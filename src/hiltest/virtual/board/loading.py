@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from hiltest.errors import ConfigError
-from hiltest.virtual.processor.memory import MK64FN1M0, SRAM, BoardMemory
+from hiltest.virtual.part.chip import MemoryMap, is_in
+from hiltest.virtual.processor.memory import MK64FN1M0, BoardMemory
 from hiltest.virtual.program.elf import FirmwareImage
 
 _VECTOR_ALIGNMENT = 128
@@ -48,7 +49,7 @@ def vectors(memory: BoardMemory, image: FirmwareImage) -> tuple[int, int]:
         stack, entry = memory.read_words(image.vectors, 2)
     except ValueError:
         stack = entry = 0
-    refuse_wrong_vectors(image, stack, entry)
+    refuse_wrong_vectors(image, stack, entry, memory.map)
     return stack, entry
 
 
@@ -70,12 +71,13 @@ def _is_code(image: FirmwareImage, address: int) -> bool:
     return any(part.run_address <= address < part.run_address + part.run_size for part in image.segments)
 
 
-def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int) -> None:
+def refuse_wrong_vectors(image: FirmwareImage, stack: int, entry: int, memories: MemoryMap = MK64FN1M0) -> None:
     """Raise a ConfigError if the initial stack pointer or the reset vector is invalid."""
-    in_sram = SRAM[0] < stack <= SRAM[0] + SRAM[1] and stack % 4 == 0
+    in_sram = is_in(memories.ram, stack - 4) and stack % 4 == 0
     in_code = any(segment.address <= entry & ~1 < segment.address + len(segment.data) for segment in image.segments)
     if not (in_sram and in_code and entry & 1):
         raise ConfigError(
             f"{image.name}: no valid vector table at address 0x{image.vectors:x} (stack 0x{stack:08x}, reset "
-            f"0x{entry:08x}); link the vectors to 0, the stack into SRAM, and handlers with the Thumb bit"
+            f"0x{entry:08x}); link the vectors to 0x{memories.flash[0][0]:x}, the stack into SRAM, and handlers with "
+            "the Thumb bit"
         )

@@ -7,6 +7,8 @@ bool machine_watch_executions(struct machine *machine)
 {
     for (int i = 0; i < machine->memory_count; i++) {
         struct memory *memory = &machine->memories[i];
+        if (memory->is_alias)
+            continue; /* code runs at the memory's own address */
         if (!memory->executions)
             memory->executions = calloc(memory->size / 2, sizeof *memory->executions);
         if (!memory->executions)

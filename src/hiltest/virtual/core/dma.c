@@ -213,7 +213,7 @@ static void look(struct machine *machine, struct dma *dma)
         begin(machine, dma, machine->core.cycles);
 }
 
-static bool load_bytes(struct machine *machine, uint32_t address, uint32_t size, uint8_t *bytes)
+bool load_bytes(struct machine *machine, uint32_t address, uint32_t size, uint8_t *bytes)
 {
     bool refused = false;
     if (!is_peripheral(address))
@@ -227,7 +227,7 @@ static bool load_bytes(struct machine *machine, uint32_t address, uint32_t size,
     return !refused;
 }
 
-static bool store_bytes(struct machine *machine, uint32_t address, uint32_t size, const uint8_t *bytes)
+bool store_bytes(struct machine *machine, uint32_t address, uint32_t size, const uint8_t *bytes)
 {
     bool refused = !is_peripheral(address);
     if (machine_holds_stack(machine, address, size))
@@ -540,12 +540,14 @@ static void reset_multiplexer(struct machine *machine, struct device *device)
 
 void trigger_request(struct machine *machine, int32_t channel)
 {
-    struct dma *dma = (struct dma *)machine->dma;
+    struct dma *dma = (struct dma *)machine->dma[0];
     if (!is_asked(machine, dma, (uint32_t)channel))
         return;
     dma->triggered |= 1u << channel;
     look(machine, dma);
 }
+
+static void take_requests(struct machine *machine, struct device *device) { look(machine, (struct dma *)device); }
 
 void machine_set_request(struct machine *machine, int32_t source, bool level)
 {
@@ -554,8 +556,8 @@ void machine_set_request(struct machine *machine, int32_t source, bool level)
         return;
     machine->requests ^= bit;
     forget_answers(machine); /* a minor loop may begin */
-    if (level && machine->dma)
-        look(machine, (struct dma *)machine->dma);
+    for (int32_t n = 0; level && n < 2 && machine->dma[n]; n++)
+        machine->dma[n]->take_requests(machine, machine->dma[n]);
 }
 
 bool machine_add_dma(struct machine *machine, struct machine_dma connections)
@@ -563,13 +565,13 @@ bool machine_add_dma(struct machine *machine, struct machine_dma connections)
     const struct dma dma = {
         .device = {
             .base = connections.base, .bytes = REGISTER_BYTES, .read = read_register, .read_byte = read_priority,
-            .write = write_register, .write_byte = write_byte, .reset = reset},
+            .write = write_register, .write_byte = write_byte, .reset = reset, .take_requests = take_requests},
         .event.fire = go_on, .connections = connections};
-    machine->dma = add_device(machine, &dma.device, sizeof dma);
+    machine->dma[0] = add_device(machine, &dma.device, sizeof dma);
     const struct multiplexer multiplexer = {
         .device = {
             .base = connections.multiplexer, .bytes = PAGE_BYTES, .read = read_source, .write = write_source,
             .reset = reset_multiplexer},
-        .dma = (struct dma *)machine->dma};
-    return machine->dma && add_device(machine, &multiplexer.device, sizeof multiplexer);
+        .dma = (struct dma *)machine->dma[0]};
+    return machine->dma[0] && add_device(machine, &multiplexer.device, sizeof multiplexer);
 }

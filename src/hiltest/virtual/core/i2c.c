@@ -18,15 +18,8 @@ static const int16_t DIVIDER[DIVIDERS] = {
     640, 768, 896, 1024, 1152, 1280, 1536, 1920, 1280, 1536, 1792, 2048, 2304, 2560, 3072, 3840,
 };
 
-/* Time for which a wire is pulled low [ps]; both are 0 if it is not. */
-struct hold {
-    int64_t begin, end;
-};
-
 struct i2c {
-    struct device device;
-    struct machine_i2c connections;
-    struct hold holds[2]; /* by enum i2c_wire */
+    struct i2c_master master;
     struct event completion;
     int64_t enabled_at;   /* time of the last enabling [ps] */
     uint8_t registers[REGISTERS];
@@ -42,33 +35,33 @@ struct i2c {
     bool asks_dma;        /* from the end of a byte to the next access to D */
 };
 
-static int64_t time_of(const struct machine *machine, const struct i2c *i2c)
+static int64_t time_of(const struct machine *machine, const struct i2c_master *master)
 {
-    return ticks_now(machine, i2c->connections.time);
+    return ticks_now(machine, master->connections.time);
 }
 
-static uint8_t ask_wires(struct machine *machine, const struct i2c *i2c, int32_t operation, uint8_t value)
+uint8_t ask_wires(struct machine *machine, const struct i2c_master *master, int32_t operation, uint8_t value)
 {
-    return (uint8_t)i2c->connections.ask(i2c->connections.context, operation, value, time_of(machine, i2c));
+    return (uint8_t)master->connections.ask(master->connections.context, operation, value, time_of(machine, master));
 }
 
-static bool is_held(const struct machine *machine, const struct i2c *i2c, int32_t wire)
+bool is_held(const struct machine *machine, const struct i2c_master *master, int32_t wire)
 {
-    int64_t now = time_of(machine, i2c);
-    return i2c->holds[wire].begin <= now && now < i2c->holds[wire].end;
+    int64_t now = time_of(machine, master);
+    return master->holds[wire].begin <= now && now < master->holds[wire].end;
 }
 
 /* Return whether SDA fell while the module was enabled and SCL high, which is a START, without a later STOP. */
 static bool sees_start(const struct machine *machine, const struct i2c *i2c)
 {
-    return is_held(machine, i2c, I2C_SDA) && i2c->holds[I2C_SDA].begin >= i2c->enabled_at;
+    return is_held(machine, &i2c->master, I2C_SDA) && i2c->master.holds[I2C_SDA].begin >= i2c->enabled_at;
 }
 
 static void drive(struct machine *machine, const struct i2c *i2c)
 {
     bool interrupts = i2c->status & S_IICIF && i2c->registers[C1] & C1_IICIE;
-    machine_set_line(machine, i2c->connections.interrupt, interrupts);
-    machine_set_request(machine, i2c->connections.request, i2c->asks_dma);
+    machine_set_line(machine, i2c->master.connections.interrupt, interrupts);
+    machine_set_request(machine, i2c->master.connections.request, i2c->asks_dma);
 }
 
 static void reset(struct machine *machine, struct device *device)
@@ -81,7 +74,7 @@ static void reset(struct machine *machine, struct device *device)
     i2c->data = i2c->answer = 0;
     i2c->is_addressed = false;
     i2c->is_transferring = i2c->sends_address = i2c->receives = i2c->loses = i2c->asks_dma = false;
-    i2c->enabled_at = time_of(machine, i2c);
+    i2c->enabled_at = time_of(machine, &i2c->master);
     drive(machine, i2c);
 }
 
@@ -94,11 +87,11 @@ static void begin_byte(struct machine *machine, struct i2c *i2c, int32_t clocks)
     int64_t divider = (int64_t)DIVIDER[frequency % DIVIDERS] << frequency / DIVIDERS;
     i2c->status &= (uint8_t)~S_TCF;
     i2c->is_transferring = true;
-    if (!is_held(machine, i2c, I2C_SCL)) {
-        int64_t end = ticks_now(machine, i2c->connections.clock) + clocks * divider;
-        plan_event_at_tick(machine, &i2c->completion, i2c->connections.clock, end);
-    } else if (i2c->holds[I2C_SCL].end != NEVER) {
-        plan_event_at_tick(machine, &i2c->completion, i2c->connections.time, i2c->holds[I2C_SCL].end);
+    if (!is_held(machine, &i2c->master, I2C_SCL)) {
+        int64_t end = ticks_now(machine, i2c->master.connections.clock) + clocks * divider;
+        plan_event_at_tick(machine, &i2c->completion, i2c->master.connections.clock, end);
+    } else if (i2c->master.holds[I2C_SCL].end != NEVER) {
+        plan_event_at_tick(machine, &i2c->completion, i2c->master.connections.time, i2c->master.holds[I2C_SCL].end);
     }
 }
 
@@ -151,13 +144,13 @@ static void send(struct machine *machine, struct i2c *i2c, uint8_t value)
     if ((i2c->registers[C1] & sends) != sends || i2c->is_transferring)
         return;
     i2c->receives = false;
-    if (is_held(machine, i2c, I2C_SDA)) {
+    if (is_held(machine, &i2c->master, I2C_SDA)) {
         send_against_hold(machine, i2c, value);
         return;
     }
     bool is_address = i2c->sends_address;
     i2c->sends_address = false;
-    i2c->is_acknowledged = ask_wires(machine, i2c, is_address ? I2C_ADDRESS : I2C_WRITE, value);
+    i2c->is_acknowledged = ask_wires(machine, &i2c->master, is_address ? I2C_ADDRESS : I2C_WRITE, value);
     begin_byte(machine, i2c, is_address ? CLOCKS_A_BYTE + START_CLOCKS : CLOCKS_A_BYTE);
 }
 
@@ -168,9 +161,9 @@ static uint8_t receive(struct machine *machine, struct i2c *i2c)
     end_request(machine, i2c);
     if ((control & (C1_MST | C1_TX)) != C1_MST || i2c->is_transferring)
         return i2c->data;
-    bool is_low = is_held(machine, i2c, I2C_SDA);
+    bool is_low = is_held(machine, &i2c->master, I2C_SDA);
     i2c->receives = true;
-    i2c->arriving = is_low ? 0 : ask_wires(machine, i2c, I2C_READ, (control & C1_TXAK) != 0);
+    i2c->arriving = is_low ? 0 : ask_wires(machine, &i2c->master, I2C_READ, (control & C1_TXAK) != 0);
     i2c->loses = is_low && control & C1_TXAK;
     begin_byte(machine, i2c, CLOCKS_A_BYTE);
     return i2c->data;
@@ -182,7 +175,7 @@ static void control(struct machine *machine, struct i2c *i2c, uint8_t value)
 {
     uint8_t before = i2c->registers[C1];
     if (!(value & C1_IICEN))
-        reset(machine, &i2c->device);
+        reset(machine, &i2c->master.device);
     i2c->registers[C1] = value & (uint8_t)~C1_RSTA;
     i2c->status &= (uint8_t)~S_IAAS;
     i2c->asks_dma = i2c->asks_dma && value & C1_DMAEN;
@@ -190,7 +183,7 @@ static void control(struct machine *machine, struct i2c *i2c, uint8_t value)
         i2c->status |= S_BUSY;
         i2c->sends_address = true;
     } else if (value & C1_IICEN && before & C1_MST && !(value & C1_MST)) {
-        ask_wires(machine, i2c, I2C_STOP, 0);
+        ask_wires(machine, &i2c->master, I2C_STOP, 0);
         i2c->status &= (uint8_t)~S_BUSY;
     }
     drive(machine, i2c);
@@ -200,7 +193,7 @@ static uint8_t read_byte(struct machine *machine, struct device *device, uint32_
 {
     struct i2c *i2c = (struct i2c *)device;
     if (offset == S) {
-        if (i2c->holds[I2C_SDA].end)
+        if (i2c->master.holds[I2C_SDA].end)
             hold_answer(machine, 0); /* BUSY changes without an event */
         return sees_start(machine, i2c) ? i2c->status | S_BUSY : i2c->status;
     }
@@ -252,7 +245,7 @@ int32_t machine_i2c_slave(struct machine *machine, uint32_t base, int32_t operat
 {
     struct i2c *i2c = (struct i2c *)device_of(machine, base);
     int32_t answer = operation == I2C_READ ? UINT8_MAX : 0; /* nobody pulls the line low */
-    if (!i2c || !i2c->device.is_clocked)
+    if (!i2c || !i2c->master.device.is_clocked)
         return answer;
     if (operation == I2C_ADDRESS) {
         answer = match_address(i2c, (uint8_t)value);
@@ -278,16 +271,16 @@ int32_t machine_i2c_slave(struct machine *machine, uint32_t base, int32_t operat
 bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections)
 {
     const struct i2c i2c = {
-        .device = {
+        .master.device = {
             .base = base, .bytes = PAGE_BYTES, .read = read_by_bytes, .read_byte = read_byte, .write = write_by_bytes,
             .write_byte = write_byte, .reset = reset},
-        .completion.fire = complete_byte, .connections = connections};
-    return add_device(machine, &i2c.device, sizeof i2c);
+        .completion.fire = complete_byte, .master.connections = connections};
+    return add_device(machine, &i2c.master.device, sizeof i2c);
 }
 
 void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end)
 {
     struct device *device = device_of(machine, base);
     if (device)
-        ((struct i2c *)device)->holds[wire] = (struct hold){begin, end};
+        ((struct i2c_master *)device)->holds[wire] = (struct hold){begin, end};
 }

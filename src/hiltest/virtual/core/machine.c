@@ -36,6 +36,8 @@ void machine_destroy(struct machine *machine)
     if (!machine)
         return;
     for (int i = 0; i < machine->memory_count; i++) {
+        if (machine->memories[i].is_alias)
+            continue;
         free(machine->memories[i].bytes);
         free(machine->memories[i].has_code);
         free(machine->memories[i].executions);

@@ -253,6 +253,9 @@ void machine_load_changed(struct machine *machine);
 /* Add a memory; base and size are multiples of 4 KiB. Returns its bytes, for reading only; NULL if it overlaps another
  * memory or there are too many. */
 const uint8_t *machine_add_memory(struct machine *machine, uint32_t base, uint32_t size, bool writable);
+/* Show a memory at a second address, too, where it has the same size and kind. Returns its bytes; NULL if there is no
+ * memory at `target`, if it overlaps another one, or if there are too many. */
+const uint8_t *machine_add_alias(struct machine *machine, uint32_t base, uint32_t target);
 /* Read and write memories as a debugger does, including flash. False if no memory contains the range. */
 bool machine_read(struct machine *machine, uint32_t address, uint32_t size, uint8_t *bytes);
 bool machine_write(struct machine *machine, uint32_t address, uint32_t size, const uint8_t *bytes);
@@ -299,7 +302,8 @@ void machine_reset_device(struct machine *machine, uint32_t base);
 uint32_t machine_read_device(struct machine *machine, uint32_t address, uint32_t size);
 void machine_write_device(struct machine *machine, uint32_t address, uint32_t size, uint32_t value);
 
-/* UARTs with FIFOs of 8 bytes or 1 byte (`depth`): `clock` is the module's, `time` counts picoseconds. */
+/* UARTs with FIFOs of 8 bytes or 1 byte (`depth`): `clock` is the module's, `time` counts picoseconds. Those of STM32F4
+ * parts have no FIFOs, and one interrupt. */
 struct machine_uart {
     int32_t depth;
     int32_t status_interrupt, error_interrupt;
@@ -307,6 +311,7 @@ struct machine_uart {
     int32_t clock, time;
 };
 bool machine_add_uart(struct machine *machine, uint32_t base, struct machine_uart connections);
+bool machine_add_stm32_usart(struct machine *machine, uint32_t base, struct machine_uart connections);
 /* Set the host's rate, and the duration of a byte at that rate. */
 void machine_set_line_baud(struct machine *machine, uint32_t base, double baud, int64_t byte_ps);
 /* Return the rate that the firmware has set up; 0 if it has not. */
@@ -337,12 +342,14 @@ enum i2c_operation { I2C_ADDRESS, I2C_WRITE, I2C_READ, I2C_STOP };
 enum i2c_wire { I2C_SDA, I2C_SCL };
 typedef uint32_t (*machine_i2c_ask)(void *context, int32_t operation, uint32_t value, int64_t time);
 struct machine_i2c {
-    int32_t interrupt, request; /* numbers of its external interrupt and of its source of DMA requests */
+    int32_t interrupt, error_interrupt; /* the same one on Kinetis parts */
+    int32_t request; /* number of its source of DMA requests, on Kinetis parts */
     int32_t clock, time;
     machine_i2c_ask ask;
     void *context;
 };
 bool machine_add_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections);
+bool machine_add_stm32_i2c(struct machine *machine, uint32_t base, struct machine_i2c connections);
 /* Pull a wire low from one time to another, which may be INT64_MAX. */
 void machine_hold_wire(struct machine *machine, uint32_t base, int32_t wire, int64_t begin, int64_t end);
 
@@ -389,6 +396,13 @@ struct machine_nrf51_timer {
 };
 bool machine_add_nrf51_timer(struct machine *machine, uint32_t base, struct machine_nrf51_timer connections);
 void machine_route_nrf51_timer(struct machine *machine, uint32_t base, bool is_routed);
+
+/* A general-purpose timer of STM32F4 parts; the mask has the bits of its counter. */
+struct machine_stm32_timer {
+    int32_t interrupt, clock;
+    uint32_t mask;
+};
+bool machine_add_stm32_timer(struct machine *machine, uint32_t base, struct machine_stm32_timer connections);
 
 /* FTM. `changed` is called when a reported channel changes its level, `note` at a write that requests an unmodelled
  * function. */
@@ -452,7 +466,15 @@ struct machine_dma {
     int32_t interrupts[17];
 };
 bool machine_add_dma(struct machine *machine, struct machine_dma connections);
-/* Set the level of a source of DMA requests. */
+/* DMA controller of STM32F4 parts, whose clock moves items from memory to memory; at most two. A stream with channel c
+ * serves source 8 * stream + c of the list; -1 is none. */
+struct machine_stm32_dma {
+    int32_t interrupts[8];
+    int32_t clock;
+    int32_t sources[64];
+};
+bool machine_add_stm32_dma(struct machine *machine, uint32_t base, struct machine_stm32_dma connections);
+/* Set the level of a source of DMA requests, 0 to 63. */
 void machine_set_request(struct machine *machine, int32_t source, bool level);
 
 /* Run until there is a reason to stop, which is returned (enum stop_reason). Pending exceptions are taken between

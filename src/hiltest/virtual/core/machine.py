@@ -131,6 +131,19 @@ class Machine:
             raise ConfigError(f"the memory 0x{base:08x}..+0x{size:x} overlaps another one, or there are too many")
         return memoryview(ffi.buffer(pointer, size)).toreadonly()
 
+    def add_alias(self, base: int, target: int, size: int) -> memoryview:
+        """Show a memory at a second address; return its bytes, for reading only.
+
+        Raises
+        ------
+        ConfigError
+            If there is no memory at `target`, it overlaps another one, or there are too many.
+        """
+        pointer = lib.machine_add_alias(self.handle, base, target)
+        if pointer == ffi.NULL:
+            raise ConfigError(f"0x{target:08x} cannot be shown at 0x{base:08x}, too")
+        return memoryview(ffi.buffer(pointer, size)).toreadonly()
+
     def switch_flash_bank(self, bank: int, switches: BankSwitches) -> None:
         """Set the switches for half 0 or 1 of the flash; without memory rows in the profile, do nothing."""
         lib.machine_switch_flash_bank(self.handle, bank, *switches)

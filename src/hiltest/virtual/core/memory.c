@@ -87,6 +87,23 @@ const uint8_t *machine_add_memory(struct machine *machine, uint32_t base, uint32
     return memory.bytes;
 }
 
+const uint8_t *machine_add_alias(struct machine *machine, uint32_t base, uint32_t target)
+{
+    const struct memory *original = memory_at(machine, target, 1);
+    if (!original || machine->memory_count == MEMORIES)
+        return NULL;
+    for (int i = 0; i < machine->memory_count; i++)
+        if (overlaps(&machine->memories[i], base, original->size))
+            return NULL;
+    struct memory alias = *original;
+    alias.base = base;
+    alias.is_alias = true;
+    machine->memories[machine->memory_count++] = alias;
+    for (uint32_t offset = 0; offset < alias.size; offset += PAGE_BYTES)
+        open_page(machine, &alias, offset);
+    return alias.bytes;
+}
+
 struct memory *memory_at(struct machine *machine, uint32_t address, uint32_t size)
 {
     for (int i = 0; i < machine->memory_count; i++) {

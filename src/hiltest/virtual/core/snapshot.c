@@ -251,7 +251,12 @@ struct machine *machine_like(const struct machine *machine)
     }
     for (int i = 0; i < machine->memory_count; i++) {
         const struct memory *memory = &machine->memories[i];
-        if (!machine_add_memory(other, memory->base, memory->size, memory->writable)) {
+        uint32_t target = memory->base;
+        for (int j = 0; memory->is_alias && j < i; j++)
+            if (machine->memories[j].bytes == memory->bytes)
+                target = machine->memories[j].base;
+        if (target != memory->base ? !machine_add_alias(other, memory->base, target)
+                : !machine_add_memory(other, memory->base, memory->size, memory->writable)) {
             machine_destroy(other);
             return NULL;
         }

@@ -26,6 +26,7 @@ struct page {
 struct memory {
     uint32_t base, size;
     bool writable;
+    bool is_alias;     /* all pointers are another memory's */
     uint8_t *bytes;
     uint8_t *has_code; /* for each halfword: true if it was decoded as part of an instruction */
     struct machine_executions *executions; /* for each halfword, see counts.c, or NULL */
@@ -148,7 +149,7 @@ struct machine {
     uint8_t first_on_page[DEVICE_PAGES]; /* one more than the index of the page's first device; 0 if there is none */
     struct device *sysmpu; /* system memory protection, or NULL */
     bool protects;       /* it refuses some accesses: pages are closed, so that each access is checked */
-    struct device *dma;  /* the device that receives DMA requests, or NULL */
+    struct device *dma[2]; /* the devices that receive DMA requests, or NULL */
     uint64_t requests;   /* levels of the request sources */
     bool has_fired;      /* an event has fired since the call of machine_run */
     bool host_notified;  /* an event has fired that the host may wait for */

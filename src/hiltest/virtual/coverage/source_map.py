@@ -17,6 +17,7 @@ from hiltest.errors import ConfigError
 from hiltest.virtual.core.decoder import decode
 from hiltest.virtual.coverage.lcov import Coverage, FileCoverage
 from hiltest.virtual.processor.executed_code import ExecutedCode
+from hiltest.virtual.program.debug_entries import line_programs
 from hiltest.virtual.program.elf import LIBRARIES, FirmwareImage
 
 _WITHOUT_LINES = (
@@ -161,13 +162,10 @@ class SourceMap:
 
 def _sequences(dwarf: Any) -> Iterator[tuple[list[Row], int]]:
     """Yield the rows and the end address of each sequence of the firmware's own code."""
-    for unit in dwarf.iter_CUs():
+    for unit, program in line_programs(dwarf):
         top = unit.get_top_DIE()
         folder = _text(top, "DW_AT_comp_dir")
         if _is_library(PurePosixPath(folder, _text(top, "DW_AT_name"))):
-            continue
-        program = dwarf.line_program_for_CU(unit)
-        if program is None:
             continue
         names = _file_names(program, folder)
         rows: list[Row] = []

@@ -33,6 +33,8 @@ class MemoryMap:
 
     flash: tuple[Region, ...]
     ram: tuple[Region, ...]
+    aliases: tuple[tuple[int, Region], ...] = ()
+    """Further addresses of memories: the address, and the memory."""
 
     def __str__(self) -> str:
         kinds = (("flash", self.flash), ("ram", self.ram))

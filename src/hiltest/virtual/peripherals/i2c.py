@@ -14,7 +14,7 @@ from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
 from hiltest.virtual.peripherals.i2c_bus import HeldLine, I2cBus
 from hiltest.virtual.peripherals.sim import ClockGates
-from hiltest.virtual.processor.clock import PICOSECONDS
+from hiltest.virtual.processor.clock import PICOSECONDS, Clock
 from hiltest.virtual.processor.cpu import Processor
 
 _A1, _C1, _D = 0, 2, 4
@@ -22,20 +22,37 @@ _C1_ENABLED, _C1_MASTER = 0x80, 0x20
 _ADDRESS, _WRITE, _READ, _STOP = lib.I2C_ADDRESS, lib.I2C_WRITE, lib.I2C_READ, lib.I2C_STOP
 
 
-class I2c(CoreDevice):
-    """A Kinetis I2C module."""
+class I2cMaster(CoreDevice):
+    """An I2C module in the core's library, as master of a bus.
 
-    steady = frozenset(ALL_STEADY) - {_D}
+    Parameters
+    ----------
+    clock
+        Clock of the module.
+    time
+        Virtual time in picoseconds.
+    add
+        Adds the module to the machine.
+    """
 
-    def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
+    def __init__(
+        self,
+        processor: Processor,
+        module: ChipPeripheral,
+        bus: I2cBus,
+        *,
+        clock: Clock,
+        time: Clock,
+        add: Callable[..., bool],
+    ) -> None:
         machine = processor.machine
         self._ask = _bus_callback(bus, processor.abort)  # the library keeps only the pointer
-        (interrupt,), (request,) = module.interrupts, module.requests
         connections = ffi.new("struct machine_i2c *")
-        connections.interrupt, connections.request = interrupt, request
-        connections.clock, connections.time = clocks.bus.number_in(machine), clocks.time.number_in(machine)
+        connections.interrupt, connections.error_interrupt = module.interrupts[0], module.interrupts[-1]
+        connections.request = module.requests[0] if module.requests else -1
+        connections.clock, connections.time = clock.number_in(machine), time.number_in(machine)
         connections.ask = self._ask
-        if not lib.machine_add_i2c(machine.handle, module.base, connections[0]):
+        if not add(machine.handle, module.base, connections[0]):
             raise MemoryError
         super().__init__(machine, module.name, module.base)
         bus.on_hold = self._hold
@@ -44,6 +61,15 @@ class I2c(CoreDevice):
         """Pull a line low for a time."""
         wire = lib.I2C_SDA if hold.line == "sda" else lib.I2C_SCL
         lib.machine_hold_wire(self._handle, self.base, wire, _picoseconds(hold.begin_s), _picoseconds(hold.end_s))
+
+
+class I2c(I2cMaster):
+    """A Kinetis I2C module."""
+
+    steady = frozenset(ALL_STEADY) - {_D}
+
+    def __init__(self, processor: Processor, clocks: ClockGates, bus: I2cBus, module: ChipPeripheral) -> None:
+        super().__init__(processor, module, bus, clock=clocks.bus, time=clocks.time, add=lib.machine_add_i2c)
 
 
 class I2cSlave(Restorable):

@@ -1,9 +1,13 @@
-"""UART in the core's library (core/uart.c): a serial port with exact bit times, FIFOs and interrupts."""
+"""UARTs in the core's library: serial ports with exact bit times, flags and interrupts."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from hiltest.errors import BenchError
 from hiltest.virtual.core.library import ffi, lib
+from hiltest.virtual.core.machine import Machine
 from hiltest.virtual.part.chip import ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
 from hiltest.virtual.peripherals.core_device import CoreDevice
@@ -14,33 +18,28 @@ from hiltest.virtual.processor.cpu import Processor
 _BITS_A_BYTE = 10
 _C2, _D = 3, 7
 _C2_TE_RE = 0x0C
-_BAUD_TOLERANCE = 0.03  # as in core/uart.c: beyond it bytes are garbled
+_BAUD_TOLERANCE = 0.03  # as in core/serial.c: beyond it bytes are garbled
 
 
-class Uart(CoreDevice):
-    """A Kinetis UART.
+class SerialPort(CoreDevice):
+    """A UART in the core's library with the far end of its wires (core/serial.c).
 
     Parameters
     ----------
-    clock
-        The module clock.
-    depth
-        Capacity of each FIFO [bytes]: 8, or 1 for a module without FIFOs.
+    add
+        Adds it to the machine, with its connections: struct machine_uart of machine.h.
     """
 
-    steady = frozenset(ALL_STEADY) - {_D}  # bytes arrive and leave at events; a second read of S1 shows the same flags
-
-    def __init__(
-        self, processor: Processor, clocks: ClockGates, clock: Clock, module: ChipPeripheral, *, depth: int = 8
-    ) -> None:
-        machine = processor.machine
-        receive_request, send_request = module.requests[0], module.requests[-1]  # both may share one
-        clock_numbers = clock.number_in(machine), clocks.time.number_in(machine)
-        connections = depth, *module.interrupts, receive_request, send_request, *clock_numbers
-        if not lib.machine_add_uart(machine.handle, module.base, ffi.new("struct machine_uart *", connections)[0]):
+    def __init__(self, machine: Machine, module: ChipPeripheral, add: Callable[..., bool], connections: Any) -> None:
+        if not add(machine.handle, module.base, ffi.new("struct machine_uart *", connections)[0]):
             raise MemoryError
         super().__init__(machine, module.name, module.base)
         self.line_baud = 115_200
+
+    @property
+    def is_on(self) -> bool:
+        """Return whether the firmware has enabled it."""
+        raise NotImplementedError
 
     @property
     def baud(self) -> float:
@@ -63,7 +62,7 @@ class Uart(CoreDevice):
     @property
     def wrong_speed(self) -> str:
         """Return a sentence if the firmware uses the line at another rate than its far end; empty otherwise."""
-        if not self.read(_C2, 1) & _C2_TE_RE or abs(self.baud / self.line_baud - 1.0) <= _BAUD_TOLERANCE:
+        if not self.is_on or abs(self.baud / self.line_baud - 1.0) <= _BAUD_TOLERANCE:
             return ""
         return describe_speeds(self.name, self.baud, self.line_baud)
 
@@ -114,6 +113,32 @@ class Uart(CoreDevice):
         if lib.machine_uart_read(self._handle, self.base, data, size) < 0:
             raise BenchError(f"{self.name} of the virtual board has lost bytes: 16 MiB before them were not fetched")
         return bytes(data)
+
+
+class Uart(SerialPort):
+    """A Kinetis UART.
+
+    Parameters
+    ----------
+    clock
+        The module clock.
+    depth
+        Capacity of each FIFO [bytes]: 8, or 1 for a module without FIFOs.
+    """
+
+    steady = frozenset(ALL_STEADY) - {_D}  # bytes arrive and leave at events; a second read of S1 shows the same flags
+
+    def __init__(
+        self, processor: Processor, clocks: ClockGates, clock: Clock, module: ChipPeripheral, *, depth: int = 8
+    ) -> None:
+        machine = processor.machine
+        requests = module.requests[0], module.requests[-1]  # receive and send, which may share one
+        clock_numbers = clock.number_in(machine), clocks.time.number_in(machine)
+        super().__init__(machine, module, lib.machine_add_uart, (depth, *module.interrupts, *requests, *clock_numbers))
+
+    @property
+    def is_on(self) -> bool:
+        return bool(self.read(_C2, 1) & _C2_TE_RE)
 
 
 def describe_speeds(name: str, baud: float, line_baud: int) -> str:

@@ -42,13 +42,16 @@ class UnmodelledAccess:
     """Number of accesses to the register so far."""
     outcome: str = "was stored"
     """Effect of a write."""
+    fault: str = "is not modelled"
+    """Reason for which the access is listed."""
 
     def __str__(self) -> str:
         if self.written is None:
-            access = f"read from {self.place} returned the stored value"
+            value = "the stored value" if self.outcome == "was stored" else "0"
+            access = f"read from {self.place} returned {value}"
         else:
             access = f"write of 0x{self.written:0{2 * self.size}x} from {self.place} {self.outcome}"
-        return f"{self.register} at 0x{self.address:08x} is not modelled; {access}"
+        return f"{self.register} at 0x{self.address:08x} {self.fault}; {access}"
 
 
 class UnmodelledLog(Restorable):
@@ -126,6 +129,14 @@ class UnmodelledLog(Restorable):
         self._count[name] += 1
         if name not in self._first:
             self._add(name, address, code, 1, self._processor.registers.pc.get(), outcome)
+
+    def note_without_clock(self, block: str, address: int, size: int, written: int | None) -> None:
+        """Record an access to a block whose clock is off."""
+        name = self._chip.register_name(address) or f"0x{address:08x}"
+        self._count[name] += 1
+        if name not in self._first:
+            self._add(name, address, written, size, self._processor.registers.pc.get(), "was ignored")
+            self._first[name] = replace(self._first[name], fault=f"has no clock, because RCC does not enable {block}")
 
     def _add(self, name: str, address: int, written: int | None, size: int, pc: int, outcome: str) -> None:
         place, now = self._processor.place(pc), self._processor.now()

@@ -33,9 +33,12 @@ class SharedMemory:
         Its bytes, for reading only: `BoardMemory.write` writes them.
     """
 
-    def __init__(self, machine: Machine, region: Region, *, writable: bool) -> None:
+    def __init__(self, machine: Machine, region: Region, *, writable: bool, alias: int | None = None) -> None:
         self.base, self.size = region
-        self.view = machine.add_memory(self.base, self.size, writable=writable)
+        if alias is None:
+            self.view = machine.add_memory(self.base, self.size, writable=writable)
+        else:
+            self.view, self.base = machine.add_alias(alias, self.base, self.size), alias
 
     def __contains__(self, address: int) -> bool:
         return self.base <= address < self.base + self.size
@@ -56,7 +59,8 @@ class BoardMemory:
         self._flash = [SharedMemory(machine, region, writable=False) for region in regions.flash]
         self._ram = [SharedMemory(machine, region, writable=True) for region in regions.ram]
         self.sram = max(self._ram, key=lambda memory: memory.size)
-        self._plain = (*self._flash, *self._ram)
+        aliases = [SharedMemory(machine, region, writable=False, alias=base) for base, region in regions.aliases]
+        self._plain = (*self._flash, *self._ram, *aliases)
 
     def read(self, address: int, size: int) -> bytes:
         """Read flash or SRAM.

@@ -51,6 +51,8 @@ def parse_argument(text: str) -> Argument:
         raise ConfigError(f"{text} does not fit into 64 bits, the largest integer argument")
     if number is not None:
         return number
+    if text.count("ptr:") > ARGUMENT.nesting:
+        raise ConfigError(f"more than {ARGUMENT.nesting} pointers, the budget of an argument; write a shorter one")
     members = [_member(part) for part in _SEPARATOR.split(text)]
     if len(members) == 1 and not isinstance(members[0], Address):
         return members[0]
@@ -83,7 +85,12 @@ def _member(text: str) -> Any:
 
 def _zeros(text: str, rest: str) -> Any:
     kind, colon, count = rest.rpartition(":")
-    if not count.isdecimal() or not 1 <= int(count) <= ARGUMENT.items or (colon and kind not in _TYPES):
+    if (
+        not count.isdecimal()
+        or len(count) > 9
+        or not 1 <= int(count) <= ARGUMENT.items
+        or (colon and kind not in _TYPES)
+    ):
         raise ConfigError(f"{text!r}: write zeros:64 for bytes or zeros:float32:12, within the size of the RAM")
     return np.zeros(int(count), _TYPES[kind]) if colon else bytearray(int(count))
 
@@ -106,7 +113,9 @@ def _typed_number(word: str, kind: str, where: str) -> int | float:
     if number is None:
         raise ConfigError(f"{where}: {word!r} is not a number")
     if kind.startswith("float"):
-        if math.isfinite(number) and abs(number) > float(np.finfo(kind).max):
+        if number not in (math.inf, -math.inf) and abs(number) > float(
+            np.finfo(kind).max
+        ):  # also of an int of any size
             raise ConfigError(f"{where}: {word} is beyond the largest {kind}")
         return float(number)
     limits = np.iinfo(kind)

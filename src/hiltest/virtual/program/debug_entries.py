@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from hiltest.budgets import DEBUG
+
 QUALIFIERS = frozenset(
     f"DW_TAG_{name}" for name in ("typedef", "const_type", "volatile_type", "restrict_type", "atomic_type")
 )
@@ -30,6 +32,7 @@ def children(entry: Any) -> Iterator[Any]:
     while not (child := entry.cu.get_DIE_from_refaddr(offset)).is_null():
         yield child
         offset = _next_offset(child)
+    entry._terminator = child  # the parser's own place for it: whoever passes over the entry need not look for its end
 
 
 def _next_offset(entry: Any) -> int:
@@ -42,12 +45,40 @@ def _next_offset(entry: Any) -> int:
         named: int = sibling.raw_value + entry.cu.cu_offset
         if named > offset:
             return named
+    if entry._terminator is not None:
+        return int(entry._terminator.offset + entry._terminator.size)
     depth = 1
     while depth:
         inner = entry.cu.get_DIE_from_refaddr(offset)
         offset += inner.size
         depth += -1 if inner.is_null() else 1 if inner.has_children else 0
     return offset
+
+
+def line_programs(dwarf: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield each line program once, with the first unit that has it.
+
+    Raises
+    ------
+    BudgetError
+        If the rows may be more than those of the budget: each byte may be one.
+    ValueError
+        If programs overlap.
+    Exception
+        From the parser, if the file is damaged.
+    """
+    offsets: set[int] = set()
+    size, section = 0, dwarf.debug_line_sec
+    DEBUG.check(items=section.size if section is not None else 0)
+    for unit in dwarf.iter_CUs():
+        place = unit.get_top_DIE().attributes.get("DW_AT_stmt_list")
+        if place is not None and place.value not in offsets:
+            offsets.add(place.value)
+            program = dwarf.line_program_for_CU(unit)
+            size += max(program.program_start_offset, program.program_end_offset) - place.value
+            if size > section.size:
+                raise ValueError("line programs overlap")
+            yield unit, program
 
 
 def _reference_chain(entry: Any) -> Iterator[Any]:

@@ -20,9 +20,10 @@ from typing import Any
 
 from elftools.elf.elffile import ELFFile
 
-from hiltest.budgets import ELF, SEGMENTS, BudgetError
+from hiltest.budgets import DEBUG, ELF, SEGMENTS, BudgetError
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
+from hiltest.virtual.program.debug_entries import line_programs
 from hiltest.virtual.program.image_formats import convert_to_elf
 from hiltest.virtual.program.other_chips import machine_title, other_chip
 from hiltest.virtual.program.signatures import Signature, read_signature, read_subprograms
@@ -324,14 +325,14 @@ class FirmwareImage:
         """Flags of GCC for all units except the compiler's own libraries, sorted; empty without debug information."""
         try:
             with self._reading:
-                words = self._read_flags() if self._elf.has_dwarf_info() else set()
+                words = self._read_flags()
         except Exception:  # debug information may be damaged
             words = set()
         return " ".join(sorted(words))
 
     def _read_flags(self) -> set[str]:
         flags: set[str] = set()
-        for unit in self._elf.get_dwarf_info().iter_CUs():
+        for unit in self._dwarf().iter_CUs():
             attributes = unit.get_top_DIE().attributes
             name, producer = attributes.get("DW_AT_name"), attributes.get("DW_AT_producer")
             if producer is None or not producer.value.startswith(b"GNU "):
@@ -360,7 +361,14 @@ class FirmwareImage:
             From the parser, if it is damaged.
         """
         with self._reading:
-            return self._elf.get_dwarf_info() if self._elf.has_dwarf_info() else None
+            return self._dwarf() if self._elf.has_dwarf_info() else None
+
+    def _dwarf(self) -> Any:
+        """Return the reader; it unpacks sections ``.zdebug_...``, which no compiler has made since 2015, unbounded."""
+        sections = [section for section in self._elf.iter_sections() if "debug_" in section.name]
+        is_bounded = not any(section.name.startswith(".z") for section in sections)
+        DEBUG.check(size=sum(section.data_size for section in sections) if is_bounded else DEBUG.bytes + 1)
+        return self._elf.get_dwarf_info()
 
     @cached_property
     def _functions_by_address(self) -> tuple[list[int], list[Symbol]]:
@@ -380,18 +388,14 @@ class FirmwareImage:
     def _lines(self) -> tuple[list[int], list[tuple[int, str]]]:
         try:
             with self._reading:
-                rows = sorted(self._line_rows()) if self._elf.has_dwarf_info() else []
+                rows = sorted(self._line_rows())
         except Exception:  # damaged debug information: faults are then reported without lines
             rows = []
         return [row[0] for row in rows], [(row[1], row[2]) for row in rows]
 
     def _line_rows(self) -> Iterator[tuple[int, int, str]]:
         """Yield (first address, end address, "file:line") of every line-table row."""
-        dwarf = self._elf.get_dwarf_info()
-        for unit in dwarf.iter_CUs():
-            program = dwarf.line_program_for_CU(unit)
-            if program is None:
-                continue
+        for _, program in line_programs(self._dwarf()):
             files = program.header.file_entry
             first = 0 if program.header.version >= 5 else 1
             previous: Any = None
@@ -418,7 +422,7 @@ class FirmwareImage:
     def _subprograms(self) -> dict[str, Any]:
         try:
             with self._reading:
-                return read_subprograms(self._elf.get_dwarf_info()) if self._elf.has_dwarf_info() else {}
+                return read_subprograms(self._dwarf())
         except Exception:  # damaged debug information is ignored
             return {}
 

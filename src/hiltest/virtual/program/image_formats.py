@@ -17,12 +17,24 @@ from hiltest.budgets import HEX, SEGMENTS, Budget, BudgetError
 from hiltest.errors import ConfigError
 
 _ELF = b"\x7fELF"
+_ELF_SUFFIXES = (".elf", ".axf", ".out")
 _HEX_SUFFIXES = frozenset({".hex", ".ihex", ".ihx"})
 _BINARY_SUFFIX = ".bin"
 _ADDRESSES = 1 << 32
 
 Chunk = tuple[int, bytes]
 """Address and content."""
+
+
+def names_image(name: str) -> bool:
+    """Return whether a name is that of a firmware file: by its suffix, or by ELF's first bytes in the file."""
+    if Path(name).suffix.lower() in (*_ELF_SUFFIXES, *_HEX_SUFFIXES, _BINARY_SUFFIX):
+        return True
+    try:
+        with open(name, "rb") as file:
+            return file.read(len(_ELF)) == _ELF
+    except OSError:
+        return False
 
 
 def convert_to_elf(name: str, content: bytes, base: int | None) -> bytes:

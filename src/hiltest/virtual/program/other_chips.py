@@ -58,6 +58,8 @@ _WORD = re.compile(r"[a-z]+[0-9]\w*")
 _LDR, _LDR_WIDE, _MOV, _MOVW, _MOVT = 0x4800, 0xF8DF, 0xF04F, 0xF240, 0xF2C0
 _LEAST_TURNS = 8  # of MOV; smaller numbers stand for other patterns
 _PAGE = 0xFFF
+#: Virtual boards by a part of the names of their chips; the first one decides.
+_MACHINES = {"nrf51": "microbit-v1", "stm32f40": "stm32f407-disco", "stm32f4": "stm32f411-disco"}
 _FAR_HALVES = 16  # compilers schedule MOVW and MOVT of one address at most a few instructions apart
 
 
@@ -84,6 +86,12 @@ class OtherChip:
     """Such as ``MK22F51212`` or ``STM32F2 or STM32F4``; empty if several chips have such memories."""
     evidence: str
     """Marks by which it was recognised."""
+
+    @property
+    def machine(self) -> str | None:
+        """Board of the virtual boards that has such a chip, as ``machine`` under ``[board]`` of a rig names it."""
+        names = f"{self.name} {self.evidence}".lower()
+        return next((machine for mark, machine in _MACHINES.items() if mark in names), None)
 
     def __str__(self) -> str:
         kind = f"{_article(self.name)} {self.name} image" if self.name else "an image for another chip"
@@ -126,9 +134,10 @@ def refuse_other_chip(image: FirmwareImage) -> None:
     """Raise a ConfigError if an image is for another chip than the virtual board's."""
     chip = other_chip(image)
     if chip is not None:
-        microbit = "The rig microbit-v1 runs a program for the BBC micro:bit v1. " if "nRF51" in chip.name else ""
+        other = f'`machine = "{chip.machine}"` under [board] of a rig is a virtual board with such a chip. '
         raise ConfigError(
-            f"{image.name}: {chip}, and the virtual board is an MK64FN1M0 with other memories and registers. {microbit}"
+            f"{image.name}: {chip}, and the virtual board is an MK64FN1M0 with other memories and registers. "
+            f"{other if chip.machine else ''}"
             "`hiltest profile` counts the cycles of its functions and `hiltest judge` judges its calibrator, both "
             "without peripherals; `hiltest init --firmware` proposes a rig for its own board. For the virtual board "
             "link for 1 MiB of flash at 0 and 256 KiB of SRAM at 0x1fff0000"

@@ -94,26 +94,28 @@ def _pointer_target(parameter: Any) -> Pointed | None:
 
 
 def _elements(die: Any) -> set[Element] | None:
-    """Return the number types in a type; None if it may contain other types."""
-    size = die.attributes["DW_AT_byte_size"].value if die is not None and "DW_AT_byte_size" in die.attributes else 4
-    if die is None:
-        return None
-    if die.tag == "DW_TAG_base_type":
-        encoding = die.attributes["DW_AT_encoding"].value
-        parts = 2 if encoding == _COMPLEX else 1
-        return {Element(encoding in (_FLOAT, _COMPLEX), size // parts)}
-    if die.tag in POINTERS or die.tag == "DW_TAG_enumeration_type":
-        return {Element(False, size)}
-    if die.tag == "DW_TAG_array_type":
-        return _elements(_type_of(die))
-    if die.tag not in STRUCTURES:
-        return None
+    """Return the number types in a type; None if it may contain other types. Each type is read once."""
     numbers: set[Element] = set()
-    for member in children(die):
-        inner = _elements(_type_of(member)) if member.tag in ("DW_TAG_member", "DW_TAG_inheritance") else set()
-        if inner is None:
+    waiting, begun = [die], {die.offset if die is not None else -1}
+    while waiting:
+        die = waiting.pop()
+        if die is None:
             return None
-        numbers |= inner
+        size = die.attributes["DW_AT_byte_size"].value if "DW_AT_byte_size" in die.attributes else 4
+        if die.tag == "DW_TAG_base_type":
+            encoding = die.attributes["DW_AT_encoding"].value
+            parts = 2 if encoding == _COMPLEX else 1
+            numbers.add(Element(encoding in (_FLOAT, _COMPLEX), size // parts))
+        elif die.tag in POINTERS or die.tag == "DW_TAG_enumeration_type":
+            numbers.add(Element(False, size))
+        elif die.tag == "DW_TAG_array_type" or die.tag in STRUCTURES:
+            members = [child for child in children(die) if child.tag in ("DW_TAG_member", "DW_TAG_inheritance")]
+            for inner in map(_type_of, [die] if die.tag == "DW_TAG_array_type" else members):
+                if inner is None or inner.offset not in begun:
+                    begun.add(-1 if inner is None else inner.offset)
+                    waiting.append(inner)
+        else:
+            return None
     return numbers
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
-from hiltest.errors import BenchError
 from hiltest.virtual.part.chip import Chip, ChipPeripheral
 from hiltest.virtual.peripherals.bus import ALL_STEADY
+from hiltest.virtual.peripherals.far_end import FarEnd
 from hiltest.virtual.peripherals.nrf51.block import CLOCK_HZ, Alarm, Block
 from hiltest.virtual.peripherals.uart import describe_speeds
 from hiltest.virtual.processor.cpu import Processor
@@ -16,26 +16,16 @@ _RX_READY, _TX_READY, _ERROR, _RX_TIMEOUT = 0x108, 0x11C, 0x124, 0x144
 _ERROR_SOURCE, _ENABLE, _RXD, _TXD, _BAUD_RATE = 0x480, 0x500, 0x518, 0x51C, 0x524
 _ENABLED, _OVERRUN, _FRAMING = 4, 1, 4
 _FIFO_BYTES, _BITS_A_BYTE = 6, 10
-_MOST_BYTES = 1 << 24
 _TOLERANCE = 0.04  # of the rate: a byte's last bit is then sampled within it
 
 
-class Uart(Block):
-    """UART0.
-
-    Attributes
-    ----------
-    line_baud : int
-        Rate at the far end of the wire [bit/s].
-    """
+class Uart(Block, FarEnd):
+    """UART0."""
 
     steady = frozenset(ALL_STEADY) - frozenset(range(_RXD, _RXD + 4))  # a read takes the byte
 
     def __init__(self, processor: Processor, chip: Chip, module: ChipPeripheral) -> None:
-        self.line_baud = 115_200
-        self._to_board: deque[int] = deque()
-        self._to_host = bytearray()
-        self._has_lost = False
+        self.connect_far_end(module.name, self._expect_arrival)
         self._fifo: deque[int] = deque()
         self._receives = self._sends = False
         self._sending: int | None = None
@@ -106,15 +96,15 @@ class Uart(Block):
     def _end_byte(self) -> None:
         byte, self._sending = self._sending, None
         if byte is not None:
-            self._has_lost |= len(self._to_host) >= _MOST_BYTES
-            self._to_host.append(byte if self._is_understood else 0xFF)
+            self.send_to_host(byte if self._is_understood else 0xFF)
         self.set_event(_TX_READY)
+
+    def _expect_arrival(self) -> None:
+        self._arrival.after(self._byte_cycles(self.line_baud))
 
     def _receive(self) -> None:
         """Take the byte from the host whose stop bit has arrived."""
-        byte = self._to_board.popleft()
-        if self._to_board:
-            self._arrival.after(self._byte_cycles(self.line_baud))
+        byte = self.take_from_host()
         if not self._receives or self.word(_ENABLE) != _ENABLED:
             return
         if not self._is_understood:
@@ -129,51 +119,3 @@ class Uart(Block):
     def _fail(self, source: int) -> None:
         self.store_word(_ERROR_SOURCE, self.word(_ERROR_SOURCE) | source)
         self.set_event(_ERROR)
-
-    # -- the far end of the wire --------------------------------------------------------------
-
-    def host_write(self, data: bytes) -> None:
-        """Put bytes on the line towards the board, one after the other at line speed.
-
-        Raises
-        ------
-        BenchError
-            If more than 16 MiB are on the line.
-        """
-        if len(self._to_board) + len(data) > _MOST_BYTES:
-            raise BenchError(f"{self.name} of the virtual board cannot accept {len(data)} more bytes at once")
-        if data and not self._to_board:
-            self._arrival.after(self._byte_cycles(self.line_baud))
-        self._to_board.extend(data)
-
-    def host_expect(self, count: int, byte: int) -> None:
-        """Ignore the expectation: the core stops after every byte anyway, so the caller checks each time."""
-
-    @property
-    def host_arriving(self) -> int:
-        """Bytes of the host that are on the line towards the board."""
-        return len(self._to_board)
-
-    @property
-    def answer(self) -> tuple[int, int]:
-        """Cycles from the host's latest byte to the board's next one, which only the K64F's UART counts."""
-        return 0, 0
-
-    @property
-    def host_waiting(self) -> int:
-        """Bytes that the board has sent and the host has not fetched."""
-        return len(self._to_host)
-
-    def host_read(self, size: int) -> bytes:
-        """Return bytes that the board has sent.
-
-        Raises
-        ------
-        BenchError
-            If bytes were lost because the host has not fetched 16 MiB before them.
-        """
-        if self._has_lost:
-            raise BenchError(f"{self.name} of the virtual board has lost bytes: 16 MiB before them were not fetched")
-        data = bytes(self._to_host[:size])
-        del self._to_host[:size]
-        return data

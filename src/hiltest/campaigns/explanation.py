@@ -1,0 +1,129 @@
+"""Explanation of a run: cause and evidence of its verdict, and the source lines whose cost changed."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hiltest.boards import default_firmware
+from hiltest.budgets import ELF
+from hiltest.errors import ConfigError
+from hiltest.json_files import read_bounded
+from hiltest.measurement import Measurement, identify
+from hiltest.run_record.comparison import Change, Comparison, Difference
+from hiltest.run_record.reader import read_record
+from hiltest.studies.board_calibrators import BoardCalibrators
+from hiltest.verdict.compare import compare
+from hiltest.verdict.evidence_reader import read_evidence
+from hiltest.verdict.summary import summarise
+from hiltest.virtual.profiling.line_changes import LineChange, line_changes
+
+_ORDER = (Change.WORSE, Change.GONE, Change.CHANGED, Change.BETTER, Change.NEW, Change.NOT_TAKEN)
+_MOST_FUNCTIONS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedFunction:
+    """A calibrator's function in two builds, called with the same points."""
+
+    calibrator: str
+    function: str
+    cycles: int
+    base_cycles: int
+    cycle_model: str
+    lines: tuple[LineChange, ...]
+    """Lines that cost more or less than in the base, the largest change first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Cause and evidence of the verdict on a run."""
+
+    sentence: str
+    """Verdict of the run, or summary of its comparison with `--baseline`."""
+    causes: tuple[str, ...]
+    """Likely causes, that of the worst failure first."""
+    next_steps: tuple[str, ...]
+    failures: tuple[Measurement, ...]
+    """Measurements out of their limits, one of each calibrator first."""
+    changes: tuple[Difference, ...]
+    """Measurements that changed since the base, the worse ones first."""
+    functions: tuple[ChangedFunction, ...]
+    """Functions of the calibrators whose cycles changed; empty if `remark` has a reason."""
+    remark: str
+    """Reason why no source lines are known; empty otherwise."""
+
+
+def explain(run: Path, baseline: Path | None, firmware: Path | None, against: Path | None) -> Explanation:
+    """Explain a run.
+
+    Parameters
+    ----------
+    run
+        Folder of a run, or its ``run.json``.
+    baseline
+        Record of a run or baseline to compare with; by default the run's own comparison is explained.
+    firmware, against
+        ELF of the run, and of the base; by default the packaged one, if it has the same digest.
+
+    Raises
+    ------
+    ConfigError
+        If a record cannot be read, or an ELF is not the one that the run executed.
+    BoardFault
+        If a calibrator faults or hangs when it is called for its lines.
+    """
+    record = read_record(run).run
+    if baseline is not None:
+        record = replace(record, comparison=compare(read_evidence(baseline), read_evidence(run)))
+    comparison, summary = record.comparison, summarise(record)
+    changes = [difference for change in _ORDER if comparison for difference in comparison.differences_with(change)]
+    functions, remark = _changed_functions(comparison, changes, firmware, against)
+    return Explanation(
+        comparison.sentence if comparison and baseline else record.verdict.sentence,
+        summary.causes,
+        summary.advice,
+        tuple(failure.measurement for failure in summary.failures),
+        tuple(changes),
+        functions,
+        remark,
+    )
+
+
+def _changed_functions(
+    comparison: Comparison | None, changes: Sequence[Difference], firmware: Path | None, against: Path | None
+) -> tuple[tuple[ChangedFunction, ...], str]:
+    """Return the functions of calibrators whose cycles changed, or the reason why they are unknown."""
+    if comparison is None:
+        return (), "the run was compared with nothing; name a --baseline"
+    new = _elf_of("--firmware", firmware, comparison.new.firmware_sha256)
+    base = _elf_of("--against", against, comparison.base.firmware_sha256)
+    subjects = dict.fromkeys(identify(change.name).subject for change in changes if change.unit == "cycle")
+    if not subjects:
+        return (), "no cycles changed"
+    if new is None or base is None:
+        return (), "name the ELFs of the run and of its base: --firmware ELF --against ELF"
+    sides = BoardCalibrators(base), BoardCalibrators(new)
+    names = [name for name in subjects if all(name in side.names for side in sides)]
+    if not names:
+        return (), "cycles of no calibrator changed; hiltest profile calls other functions"
+    functions = tuple(_compare_lines(names[:_MOST_FUNCTIONS], *sides))
+    return functions, "" if functions else "no line of these calibrators costs more or less"
+
+
+def _compare_lines(names: Sequence[str], base: BoardCalibrators, new: BoardCalibrators) -> Iterator[ChangedFunction]:
+    for name in names:
+        before, after = base.profile(name), new.profile(name)
+        if lines := tuple(line_changes(before.lines, after.lines)):
+            yield ChangedFunction(name, after.function, after.cycles, before.cycles, after.cycle_model, lines)
+
+
+def _elf_of(option: str, file: Path | None, sha256: str) -> Path | None:
+    """Return the ELF with a digest: the named file, or the packaged one; None if that is another one."""
+    elf = file or default_firmware()
+    is_same = hashlib.sha256(read_bounded(elf, ELF, otherwise="name the ELF that was run")).hexdigest() == sha256
+    if file is not None and sha256 and not is_same:
+        raise ConfigError(f"{option} {elf}: another file was run, with the SHA-256 {sha256}; name that one")
+    return elf if is_same or file is not None else None

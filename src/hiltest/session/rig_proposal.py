@@ -1,0 +1,78 @@
+"""Rig that is proposed for a firmware, with the user's choices at a terminal."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+from hiltest.session.operator_prompt import ask
+
+_LONGEST_NAME = 64
+
+
+def is_dialogue() -> bool:
+    """Return whether a user at a terminal can be asked."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
+def legible_name(text: str) -> str:
+    """Return a name of a rig: letters, digits, ``-`` and ``_`` of a text."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-")[:_LONGEST_NAME] or "mine"
+
+
+def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
+    """Return the text of a rig for ``hil/rigs/NAME.toml`` below a folder; None if the firmware needs none.
+
+    Firmware that speaks hiltest's own protocol needs none.
+
+    Raises
+    ------
+    ConfigError
+        If the file is no firmware.
+    """
+    from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
+    from hiltest.rig.bench_files import shipped
+    from hiltest.virtual.program.elf import load_image
+    from hiltest.virtual.program.other_chips import other_chip
+
+    image = load_image(firmware)
+    proposals, chip = look_at(image), other_chip(image)
+    if proposals.speaks_our_protocol:
+        return None
+    rigs = shipped() / "rigs"
+    machine = chip.machine if chip and chip.machine and (rigs / f"{chip.machine}.toml").exists() else None
+    choose = ask_for_option if is_dialogue() else None
+    kind = chosen_kind(proposals, choose)
+    file, around = firmware.resolve(), folder.resolve()
+    is_near = file.is_relative_to(around.parent)
+    path = os.path.relpath(file, around / "hil" / "rigs") if is_near else str(file)
+    text = rig_text(
+        proposals,
+        kind,
+        (rigs / f"{machine or proposals.base_rig}.toml").read_text(encoding="utf-8"),
+        name=name,
+        firmware=None if chip and not machine else path,
+        choose=choose,
+        machine=machine,
+    )
+    summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
+    if chip is not None:
+        board = f"the rig is for the virtual board {machine}" if machine else "the rig is for its own board"
+        click.echo(f"{firmware}: {chip}, which the default virtual board cannot run: {board}")
+    click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
+    return text
+
+
+def ask_for_option(question: str, options: Sequence[str]) -> int:
+    """Ask for one of several options, and return its index; Enter selects the first."""
+    listed = "\n".join(f"  {number} {option}" for number, option in enumerate(options, start=1))
+    while True:
+        answer = ask(f"{question}\n{listed}\n[1] ").strip() or "1"
+        if answer in (numbers := [str(number) for number, _ in enumerate(options, start=1)]):
+            return numbers.index(answer)
+        click.echo(f"Answer with a number from 1 to {len(options)}.")

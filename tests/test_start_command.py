@@ -1,0 +1,106 @@
+"""`hiltest start`: from an ELF in a repository to files with which CI judges every change."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hiltest.boards import default_firmware
+from hiltest.rig.bench_files import shipped
+
+pytestmark = pytest.mark.slow
+
+FIRMWARE = default_firmware().parent
+Start = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Start:
+    """Return a function that runs `hiltest start` in a repository without any file."""
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "hiltest", "start", *words],
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+        )
+
+    subprocess.run(["git", "init", "-q", "-b", "trunk", str(tmp_path)], check=True, timeout=60)
+    return run
+
+
+def files_of(folder: Path) -> set[str]:
+    return {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and path.relative_to(folder).parts[0] not in (".git", "hil-out")
+    }
+
+
+@pytest.mark.ci
+def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tmp_path: Path, start: Start) -> None:
+    shutil.copy(FIRMWARE / "compass-lines.elf", tmp_path / "my compass.elf")
+    (tmp_path / ".gitignore").write_text("build/", encoding="utf-8")
+    done = start("--json")
+    assert done.returncode == 0, done.stderr
+    written = {"hil/rigs/my-compass.toml", "hil/baselines/my-compass.json", ".github/workflows/hiltest.yml"}
+    assert files_of(tmp_path) == {"my compass.elf", ".gitignore", *written}
+    document = json.loads(done.stdout)
+    assert (document["firmware"], document["exit_code"]) == ("my compass.elf", 0)
+    assert {document["rig"], document["baseline"], document["workflow"]} == written
+    assert (tmp_path / ".gitignore").read_text(encoding="utf-8") == "build/\nhil-out/\n"
+    workflow = yaml.safe_load((tmp_path / ".github/workflows/hiltest.yml").read_text(encoding="utf-8"))
+    assert workflow[True]["push"]["branches"] == ["trunk"]
+    *_, action = workflow["jobs"]["virtual-board"]["steps"]
+    options = action["with"]
+    assert options.pop("comment-token") == "${{ github.token }}"
+    named = [word for name, value in options.items() for word in (f"--{name}", value)]
+    command = [sys.executable, "-m", "hiltest", "run", *named]
+    judged = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert judged.returncode == 0, judged.stdout
+    assert "May be merged (against hil/baselines/my-compass.json): PASS" in judged.stdout
+
+
+@pytest.mark.parametrize(
+    ("elves", "words", "complaint"),
+    [
+        ([], [], "has no file *.elf; build your firmware"),
+        (["a.elf", "build/b.elf"], [], "several ELFs: a.elf, build/b.elf; name one: hiltest start a.elf"),
+        (["a.elf"], ["gone.elf"], "gone.elf is no file"),
+        (["a.elf"], ["../outside.elf"], "run hiltest start in the repository that builds it"),
+        (["a.elf"], [], "not a complete ELF file"),
+    ],
+)
+def test_a_folder_without_one_firmware_is_refused_and_nothing_is_written(
+    tmp_path: Path, start: Start, elves: list[str], words: list[str], complaint: str
+) -> None:
+    (tmp_path.parent / "outside.elf").write_bytes(b"none")
+    for name in elves:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"none")
+    done = start(*words)
+    assert done.returncode == 4
+    assert complaint in done.stderr
+    assert files_of(tmp_path) == set(elves)
+
+
+def test_a_rig_for_a_real_board_gets_no_workflow(tmp_path: Path, start: Start) -> None:
+    shutil.copy(FIRMWARE / "compass-lines.elf", tmp_path / "mine.elf")
+    rig = tmp_path / "hil" / "rigs" / "mine.toml"
+    rig.parent.mkdir(parents=True)
+    shutil.copy(shipped() / "rigs" / "frdm-k64f.toml", rig)
+    done = start()
+    assert done.returncode == 0, done.stderr
+    assert "Run it on its own board: hiltest run --rig hil/rigs/mine.toml --port PORT." in done.stdout
+    assert files_of(tmp_path) == {"mine.elf", "hil/rigs/mine.toml"}
