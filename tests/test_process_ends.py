@@ -117,14 +117,6 @@ class TestOutput:
         os.close(terminal)
         assert len(read_record(bench / "out").run.tests) == 3
 
-    def test_a_reader_that_has_enough_does_not_make_a_comparison_fail(self, bench: Path) -> None:
-        (bench / "cloud.csv").write_text("x,y,z\n1,2,3\n")
-        reading, writing = os.pipe()
-        os.close(reading)
-        fit = start(bench, "decode", "gone.csv", stdout=writing)
-        os.close(writing)
-        assert fit.wait(WAIT_S) == 4
-
 
 class TestSignals:
     @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

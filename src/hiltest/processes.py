@@ -6,6 +6,7 @@ Every pytest run on the machine may import this module, so that it imports only 
 from __future__ import annotations
 
 import errno
+import fcntl
 import io
 import os
 import select
@@ -52,7 +53,10 @@ class Output(io.RawIOBase):
         # Opened again, the terminal or pipe can be written without blocking while its other users still block.
         if os.isatty(descriptor) or stat.S_ISFIFO(os.fstat(descriptor).st_mode):
             with suppress(OSError):
-                self._to = os.open(f"/proc/self/fd/{descriptor}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+                opened = os.open(f"/proc/self/fd/{descriptor}", os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+                # pytest captures the descriptors 0 to 2, of which one may have been closed and so is free.
+                self._to = fcntl.fcntl(opened, fcntl.F_DUPFD_CLOEXEC, 3)
+                os.close(opened)
 
     def writable(self) -> bool:
         """Return True."""
@@ -82,17 +86,19 @@ class Output(io.RawIOBase):
 
 
 def guard_output(stream: TextIO) -> TextIO:
-    """Return a stream whose faults do not end the program, in place of one that the process was started with."""
+    """Return a stream whose faults do not end the program, in place of one that the process was started with.
+
+    Both streams write each line at its end: a program may use both, and nobody flushes the new one when the program ends.
+    """
     if stream not in (sys.__stdout__, sys.__stderr__) or not isinstance(stream, io.TextIOWrapper):
         return stream
     with suppress(OSError):
-        stream.flush()
+        stream.reconfigure(line_buffering=True)  # flushes it
     return io.TextIOWrapper(
         io.BufferedWriter(Output(stream.fileno())),
         encoding=stream.encoding,
         errors="backslashreplace",  # a file's name may not be encodable
-        line_buffering=stream.line_buffering,
-        write_through=stream.write_through,
+        line_buffering=True,
     )
 
 

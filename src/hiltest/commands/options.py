@@ -38,7 +38,7 @@ Exit codes:
   21  regression: worse than the baseline by more than a tolerance
   22  not evaluated: limit not measured or baseline missing
   23  wrong firmware, or another protocol version
-  24  cut short: a process was killed, or memory, open files or disk space ran out
+  24  cut short: a process was killed, or memory, files or disk space ran out
 """
 
 _SAID_MOST = 10_000
