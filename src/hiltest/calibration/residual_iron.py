@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 from hiltest.calibration.fit import Array
 from hiltest.calibration.heading_bound import heading_derivatives
@@ -80,7 +80,7 @@ class ResidualIron:
         weighted = rows.T / sigma**2
         covariance = np.linalg.inv(self._prior + weighted @ rows)
         mean = covariance @ (weighted @ errors)
-        if np.sum(((errors - rows @ mean) / sigma) ** 2) > chi2.isf(_MISFIT, len(errors)):
+        if np.sum(((errors - rows @ mean) / sigma) ** 2) > chdtri(len(errors), _MISFIT):
             return {}
         return _intervals(self._rows @ mean, self._rows @ np.linalg.cholesky(covariance), self._draws)
 
@@ -97,8 +97,8 @@ def _intervals(errors: Array, spread: Array, draws: Array) -> dict[str, tuple[fl
     low = {
         "max": _largest_low(errors, spread),
         "max_centred": _largest_low(about, about_spread),
-        "rms": rms - norm.isf(RISK) * along / np.sqrt(len(errors)),
-        "bias": bias - norm.isf(RISK) * np.linalg.norm(spread.mean(axis=0)),
+        "rms": rms + ndtri(RISK) * along / np.sqrt(len(errors)),
+        "bias": bias + ndtri(RISK) * np.linalg.norm(spread.mean(axis=0)),
     }
     high = {
         "max": np.quantile(np.abs(predicted).max(axis=0), 1.0 - RISK),
@@ -111,4 +111,4 @@ def _intervals(errors: Array, spread: Array, draws: Array) -> dict[str, tuple[fl
 
 def _largest_low(errors: Array, spread: Array) -> float:
     # The poses share twelve parameters, so that at most so many chances add (Bonferroni).
-    return float((np.abs(errors) - norm.isf(RISK / 12) * np.linalg.norm(spread, axis=1)).max())
+    return float((np.abs(errors) + ndtri(RISK / 12) * np.linalg.norm(spread, axis=1)).max())
