@@ -88,7 +88,7 @@ class Output(io.RawIOBase):
 def guard_output(stream: TextIO) -> TextIO:
     """Return a stream whose faults do not end the program, in place of one that the process was started with.
 
-    Both streams write each line at its end: a program may use both, and nobody flushes the new one when the program ends.
+    Both streams write each line at its end: a program may use both, and nobody flushes the new one at the end.
     """
     if stream not in (sys.__stdout__, sys.__stderr__) or not isinstance(stream, io.TextIOWrapper):
         return stream

@@ -9,8 +9,6 @@ file.
 from __future__ import annotations
 
 import os
-import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -209,13 +207,9 @@ def _records(folder: Path, mode: Mode) -> set[str]:
         except HiltestError:
             texts.add("no record")
             continue
-        measured = [measurement.name for measurement in run.measurements if measurement.test]
-        texts.add(f"{run.verdict.outcome}, {len(measured)} of 2")
-        assert [measurement.value for measurement in run.measurements if measurement.test] == [1, 2][: len(measured)]
-        assert [measurement.name for measurement in run.measurements if measurement.test] == [
-            "first",
-            "heading.second.rms",
-        ][: len(measured)]
+        values = [(measurement.name, measurement.value) for measurement in run.measurements if measurement.test]
+        assert values == [("first", 1), ("heading.second.rms", 2)][: len(values)]
+        texts.add(f"{run.verdict.outcome}, {len(values)} of 2")
     return texts
 
 
@@ -269,57 +263,113 @@ class Limit:
     ----------
     steps : sequence of str
         Shell commands before the command, from the loosest to the tightest.
-    after : str
-        Shell command after it.
+    mounts : bool
+        Whether they mount: the command then runs in a namespace of its own, and its folder is copied at its end.
     """
 
     name: str
     steps: Sequence[str]
-    after: str = ""
-    in_namespace: bool = False
+    mounts: bool = False
 
 
-def _disk(kilobytes: int) -> str:
-    return f"mkdir -p out && mount -t tmpfs -o size={kilobytes}k tmpfs out"
+CLOCK = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <time.h>
+#include <unistd.h>
 
-
-_KEEP = "cp -a out/. kept"
-LIMITS = (
-    Limit(
-        "memory, 400 to 1 200 MB",
-        [f"ulimit -v {megabytes}000" for megabytes in (1200, 1000, 900, 800, 700, 600, 500, 400)],
-    ),
-    Limit("open files, 8 to 256", [f"ulimit -n {count}" for count in (256, 64, 32, 24, 16, 12, 10, 8)]),
-    Limit("size of a file, 1 to 512 kB", [f"ulimit -f {kilobytes}" for kilobytes in (512, 256, 128, 64, 16, 4, 2, 1)]),
-    Limit(
-        "space on the disk, 4 to 1 024 kB",
-        [_disk(size) for size in (1024, 512, 256, 128, 64, 32, 16, 8, 4)],
-        _KEEP,
-        True,
-    ),
-    Limit("a folder that is read-only", [f"{_disk(64)} && mount -o remount,ro out"], _KEEP, True),
-    Limit(
-        "no folder for temporary files",
-        ["for f in /tmp /var/tmp /usr/tmp; do [ ! -d $f ] || mount -t tmpfs -o ro tmpfs $f; done"],
-        "",
-        True,
-    ),
+int clock_gettime(clockid_t clock, struct timespec *now)
+{
+    int (*real)(clockid_t, struct timespec *);
+    *(void **)&real = dlsym(RTLD_NEXT, "clock_gettime");
+    int status = real(clock, now);
+    if (clock == CLOCK_REALTIME && access("started", F_OK) == 0)
+        now->tv_sec -= 86400;
+    return status;
+}
+"""
+_DISK = "mkdir -p out && mount -t tmpfs -o size={}k tmpfs out"
+_NO_TEMPORARY = "for f in /tmp /var/tmp /usr/tmp /dev/shm; do [ ! -d $f ] || mount -t tmpfs -o ro tmpfs $f; done"
+LIMITS = MEMORY, FILES, FILE_SIZE, DISK, READ_ONLY, NO_TEMPORARY, SET_BACK = (
+    Limit("memory: 1 000, 700, 500 MB", [f"ulimit -v {size}000" for size in (1000, 700, 500)]),
+    Limit("open files: 64, 24, 16, 12, 8", [f"ulimit -n {count}" for count in (64, 24, 16, 12, 8)]),
+    Limit("size of a file: 64, 16, 4, 2, 1 kB", [f"ulimit -f {size}" for size in (64, 16, 4, 2, 1)]),
+    Limit("a disk of 512, 128, 64, 32, 16, 4 kB", [_DISK.format(size) for size in (512, 128, 64, 32, 16, 4)], True),
+    Limit("a folder that is read-only", [f"{_DISK.format(64)} && mount -o remount,ro out"], True),
+    Limit("no folder for temporary files", [_NO_TEMPORARY], True),
+    Limit("a clock that is set back by a day", ["export LD_PRELOAD=$PWD/clock.so"]),
 )
-CLOCK = Limit("a clock that is set back by a day", ["true"])
+LIMITED = (RUN, RECORD, SEEDS, RIGS)
 
 
-def run_under(folder: Path, mode: Mode, limit: Limit, step: str) -> Left:
+def end_by_limit(folder: Path, mode: Mode, limit: Limit, step: str) -> Left:
     """Run a command to its end under a limit, look at what is left, and repeat it without."""
     make_bench(folder, mode)
+    if limit is SET_BACK:
+        (folder / "clock.c").write_text(CLOCK, encoding="utf-8")
+        subprocess.run(["gcc", "-shared", "-fPIC", "-o", "clock.so", "clock.c", "-ldl"], cwd=folder, check=True)
     (folder / "go").touch()
-    namespace = ["unshare", "--map-root-user", "--mount"] if os.getuid() else ["unshare", "--mount"]
-    script = f'{step} || exit 99; "$@"; code=$?; {limit.after or "true"}; exit $code'
-    (folder / "kept").mkdir()
-    running = begin(folder, mode, *(namespace if limit.in_namespace else ()), "bash", "-c", script, "bash")
+    (folder / "copy").mkdir()
+    script = f'{step} || exit 99; "$@"; code=$?; {"cp -a out/. copy; " if limit.mounts else ""}exit $code'
+    running = begin(folder, mode, *(["unshare", "--mount"] if limit.mounts else []), "bash", "-c", script, "bash")
     output, _ = running.communicate(timeout=WAIT_S)
     wait_until(lambda: not processes_in(folder))
-    if limit.after and (folder / "out").exists():
+    if limit.mounts and limit is not NO_TEMPORARY:
         (folder / "out").rmdir()
-        (folder / "kept").rename(folder / "out")
-    records = _records(folder, mode)
-    return Left(running.returncode, output, records, *_repeat(folder, mode))
+        (folder / "copy").rename(folder / "out")
+    return Left(running.returncode, output, _records(folder, mode), *_repeat(folder, mode))
+
+
+def texts_of_steps(lefts: Sequence[Left]) -> str:
+    """Return the exit codes of the steps of a limit, and the code of the repeated command."""
+    return (
+        f"{', '.join(str(left.code) for left in lefts)}; then {', '.join(sorted({str(left.again) for left in lefts}))}"
+    )
+
+
+SIGNALS_HEADS = f"| end | {' | '.join(mode.name for mode in MODES)} |"
+LIMITS_HEADS = f"| limit | {' | '.join(mode.name for mode in LIMITED)} |"
+
+
+def _table(heads: str, rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join([heads, "|---" * (heads.count("|") - 1) + "|", *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def shown(page: str, heads: str) -> str:
+    """Return the table with these heads that a page shows."""
+    begin_at = page.index(heads)
+    return page[begin_at : page.index("\n\n", begin_at)]
+
+
+def main() -> None:
+    """Try every end, and write the tables."""
+    with tempfile.TemporaryDirectory() as temporary:
+        places = (Path(temporary) / str(number) for number in range(10_000))
+
+        def place() -> Path:
+            folder = next(places)
+            folder.mkdir()
+            return folder
+
+        rows = []
+        for end in ENDS:
+            rows.append([end.name, *(end_by_signal(place(), mode, end).cell for mode in MODES)])
+            print(rows[-1], flush=True)
+        tables = {SIGNALS_HEADS: _table(SIGNALS_HEADS, rows)}
+        rows = []
+        for limit in LIMITS:
+            cells = []
+            for mode in LIMITED:
+                lefts = [end_by_limit(place(), mode, limit, step) for step in limit.steps]
+                cells.append(texts_of_steps(lefts))
+                print(limit.name, mode.name, [(left.cell, left.complete) for left in lefts], flush=True)
+            rows.append([limit.name, *cells])
+        tables[LIMITS_HEADS] = _table(LIMITS_HEADS, rows)
+        page = PAGE.read_text(encoding="utf-8")
+        for heads, text in tables.items():
+            page = page.replace(shown(page, heads), text)
+        PAGE.write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -13,6 +13,7 @@ import pytest
 from hiltest.errors import ConfigError
 from hiltest.processes import lacks_resources
 from hiltest.rig.bench_files import suites
+from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.run_record.run import Run
 from hiltest.session.bench_session import SESSION
@@ -95,6 +96,12 @@ class RunCommand:
             self._remarks += open_flashed(hil)
         else:
             hil.open(with_board=True)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_internalerror(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+        """End the command if a resource is used up, which is no error of pytest."""
+        if lacks_resources(excinfo.value):
+            pytest.exit(f"cut short: {excinfo.exconly()}", returncode=ExitCode.CUT_SHORT)
 
     def pytest_hil_finished(self, run: Run) -> None:
         """Store the finished record."""

@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _unexpected_end(error: Exception) -> tuple[int, str]:
     """Return exit code and message of an error that no command expects; print where an internal error came from."""
     if lacks_resources(error):
-        return _CUT_SHORT, f"cut short: {getattr(error, 'strerror', None) or error or 'memory ran out'}"
+        return _CUT_SHORT, f"cut short: {getattr(error, 'strerror', None) or str(error) or 'memory ran out'}"
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
         return _USAGE_ERROR, f"no file can have this name: {error.strerror}"
     traceback.print_exc()
