@@ -9,6 +9,7 @@ file.
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -70,7 +71,7 @@ def _two_rigs(folder: Path) -> None:
 
 def _repository(folder: Path) -> None:
     """Make four commits: the third is worse. A build adds the byte of a file to the packaged firmware."""
-    (folder / "base.elf").write_bytes(default_firmware())
+    shutil.copy(default_firmware(), folder / "base.elf")
     (folder / "hil" / "rigs").mkdir()
     (folder / "rig.toml").rename(folder / "hil" / "rigs" / "virtual-k64f.toml")
     (folder / ".gitignore").write_text("build/\nout/\nstarted\ngo\n")
@@ -255,6 +256,21 @@ def end_by_signal(folder: Path, mode: Mode, end: End) -> Left:
     return Left(running.returncode, output, records, *_repeat(folder, mode))
 
 
+def kill_after(folder: Path, mode: Mode, seconds: float) -> Left:
+    """Run a command whose tests do not wait, kill it after some time, look at what is left, and repeat it."""
+    make_bench(folder, mode)
+    (folder / "go").touch()
+    running = begin(folder, mode)
+    time.sleep(seconds)
+    running.kill()
+    output, _ = running.communicate(timeout=WAIT_S)
+    wait_until(lambda: not processes_in(folder))
+    records = _records(folder, mode)
+    (folder / "out-port").unlink(missing_ok=True)
+    (folder / "started").unlink(missing_ok=True)
+    return Left(running.returncode, output, records, *_repeat(folder, mode))
+
+
 @dataclass(frozen=True)
 class Limit:
     """A limit under which a command runs.
@@ -289,7 +305,12 @@ int clock_gettime(clockid_t clock, struct timespec *now)
 }
 """
 _DISK = "mkdir -p out && mount -t tmpfs -o size={}k tmpfs out"
-_NO_TEMPORARY = "for f in /tmp /var/tmp /usr/tmp /dev/shm; do [ ! -d $f ] || mount -t tmpfs -o ro tmpfs $f; done"
+# The bench may lie in one of these folders, and Python too.
+_TEMPORARY = [place for place in ("/tmp", "/var/tmp", "/usr/tmp", "/dev/shm") if not sys.prefix.startswith(place)]
+_NO_TEMPORARY = (
+    "mount --bind . /mnt && cd /mnt && "
+    f"for f in {' '.join(_TEMPORARY)}; do [ ! -d $f ] || mount -t tmpfs -o ro tmpfs $f; done; export TMPDIR=/gone"
+)
 LIMITS = MEMORY, FILES, FILE_SIZE, DISK, READ_ONLY, NO_TEMPORARY, SET_BACK = (
     Limit("memory: 1 000, 700, 500 MB", [f"ulimit -v {size}000" for size in (1000, 700, 500)]),
     Limit("open files: 64, 24, 16, 12, 8", [f"ulimit -n {count}" for count in (64, 24, 16, 12, 8)]),
@@ -310,11 +331,13 @@ def end_by_limit(folder: Path, mode: Mode, limit: Limit, step: str) -> Left:
         subprocess.run(["gcc", "-shared", "-fPIC", "-o", "clock.so", "clock.c", "-ldl"], cwd=folder, check=True)
     (folder / "go").touch()
     (folder / "copy").mkdir()
-    script = f'{step} || exit 99; "$@"; code=$?; {"cp -a out/. copy; " if limit.mounts else ""}exit $code'
+    is_copied = limit.mounts and limit is not NO_TEMPORARY  # the record lies on a disk that ends with the namespace
+    copy = "cp -a out/. copy; " if is_copied else ""
+    script = f'{step} || exit 99; "$@"; code=$?; {copy}exit $code'
     running = begin(folder, mode, *(["unshare", "--mount"] if limit.mounts else []), "bash", "-c", script, "bash")
     output, _ = running.communicate(timeout=WAIT_S)
     wait_until(lambda: not processes_in(folder))
-    if limit.mounts and limit is not NO_TEMPORARY:
+    if is_copied:
         (folder / "out").rmdir()
         (folder / "copy").rename(folder / "out")
     return Left(running.returncode, output, _records(folder, mode), *_repeat(folder, mode))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pty
+import random
 import signal
 import subprocess
 import sys
@@ -37,6 +38,7 @@ from tests.end_to_end.ends import (
     begin,
     end_by_limit,
     end_by_signal,
+    kill_after,
     make_bench,
     processes_in,
     shown,
@@ -47,6 +49,8 @@ from hiltest.processes import lacks_resources
 from hiltest.run_record.reader import read_record
 
 pytestmark = pytest.mark.slow
+
+KILLS = int(os.environ.get("HILTEST_KILLS", "10"))
 
 # One of each kind; CI tries the others in parts.
 FEW = {(RUN.name, READER.name), (RECORD.name, HANG_UP.name), (SEEDS.name, KILL.name), (RIGS.name, TERMINATE.name)}
@@ -95,6 +99,19 @@ def test_a_limit_fails_no_test_and_leaves_no_wrong_number(mode: Mode, limit: Lim
     assert (left.code == 0) <= (left.records == {"pass, 2 of 2"})
     assert "Traceback" not in left.output
     assert "INTERNALERROR" not in left.output
+    assert (left.again, left.complete) == (0, True)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("mode", MODES, ids=[mode.name for mode in MODES])
+@pytest.mark.parametrize("number", range(max(1, KILLS if KILLS >= 50 else KILLS // 10)))
+def test_a_command_that_is_killed_at_any_moment_leaves_no_wrong_number(number: int, mode: Mode, tmp_path: Path) -> None:
+    # From the start of Python to the end of the reports, which come after 3 to 6 s on a machine of its own.
+    left = kill_after(tmp_path, mode, random.Random(f"{mode.name} {number}").uniform(0.3, 8.0))
+    assert left.code in (-signal.SIGKILL, 0)
+    outcomes = ("cut short", "interrupted", "pass")
+    assert left.records <= {"no record", *(f"{outcome}, {count} of 2" for outcome in outcomes for count in range(3))}
+    assert not left.records & {"pass, 0 of 2", "pass, 1 of 2"}
     assert (left.again, left.complete) == (0, True)
 
 
