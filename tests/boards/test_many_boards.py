@@ -24,14 +24,14 @@ def resident_kb() -> int:
 
 @pytest.mark.ci
 @pytest.mark.slow
-def test_five_hundred_boards_need_no_more_memory_than_twenty() -> None:
+def test_five_hundred_boards_need_no_more_memory_than_one_hundred() -> None:
     rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")
     used_kb = {}
     for seed in range(1, 501):
         with open_board(rig, seed=seed) as board:
             tumble = collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100)
             assert run_calibrators(board, tumble, calibrators=["direct"], n=100)["direct"].residual_percent < 10.0
-        if seed in (20, 500):
+        if seed in (100, 500):
             used_kb[seed] = resident_kb()
-    # 10 %: pages that are only partly free are not given back.
-    assert used_kb[500] <= 1.1 * used_kb[20], used_kb
+    # 10 %: pages that are only partly free are not given back, in steps of up to 12 MB.
+    assert used_kb[500] <= 1.1 * used_kb[100], used_kb
