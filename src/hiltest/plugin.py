@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from hiltest.processes import lacks_resources
 from hiltest.run_record.outcomes import TestOutcome
 from hiltest.session import hookspecs
 from hiltest.session.bench_session import SESSION, HilSession
@@ -26,7 +27,7 @@ from hiltest.session.fixtures import (
     rig,
     turntable,
 )
-from hiltest.session.gate import NOT_EVALUATED
+from hiltest.session.gate import CUT_SHORT, NOT_EVALUATED
 from hiltest.session.plain_imports import import_plainly
 from hiltest.session.results import (
     CAUSE,
@@ -120,9 +121,10 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     hil = session.config.stash[SESSION]
     hil.choice.left_out.check_that_some_are_left(session.items)
     if hil.begin(session.items):
-        from hiltest.session.recording import start_recording
+        from hiltest.session.recording import cutting_short, start_recording
 
-        start_recording(hil)
+        with cutting_short():
+            start_recording(hil)
 
 
 def pytest_report_collectionfinish(config: pytest.Config) -> list[str]:
@@ -200,6 +202,9 @@ def pytest_runtest_makereport(
         setattr(report, OUT_OF_LIMIT, failed_limits)
     if report.failed and call.excinfo is not None:
         hil = item.config.stash[SESSION]
+        if uses_hiltest(item) and lacks_resources(call.excinfo.value):
+            # The test has not failed: it could not be made.
+            pytest.exit(f"cut short in {item.nodeid}: {call.excinfo.value!r}", returncode=CUT_SHORT)
         trace = hil.keep_trace(hil.test_id(item.nodeid), report.when, call.excinfo.value)
         in_fixture = call.when == "setup" and uses_hiltest(item)
         first = hil.failed_first(call.excinfo.value, item.nodeid) if in_fixture else item.nodeid

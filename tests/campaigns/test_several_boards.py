@@ -198,7 +198,7 @@ def test_the_spread_is_of_numbers_that_are_alike() -> None:
 
 
 @pytest.mark.parametrize(
-    ("codes", "code"), [((0, 0), 0), ((0, -9), 22), ((0, 20, -9), 20), ((1, 20), 1), ((21, 22), 22)]
+    ("codes", "code"), [((0, 0), 0), ((0, 24), 24), ((0, 20, 24), 24), ((1, 20), 1), ((21, 22), 22)]
 )
 def test_the_first_end_that_applies_is_the_commands_and_a_killed_board_is_no_pass(
     codes: tuple[int, ...], code: int

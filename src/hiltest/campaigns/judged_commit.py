@@ -24,6 +24,7 @@ import click
 
 from hiltest.errors import ConfigError, HiltestError, nearest_hint
 from hiltest.json_files import adapter, json_line, read_as
+from hiltest.processes import follow_parent, interrupt_by_signals
 from hiltest.report.comparison_text import printable
 from hiltest.run_record.comparison import Answer, Change, Comparison, Difference
 from hiltest.run_record.exit_codes import ExitCode
@@ -319,7 +320,7 @@ def _run(bisection: Bisection, commit: str, firmware: Path) -> tuple[str, bool, 
         cwd=Path(bisection.here),
         environment=environment_outside_git(),
     )
-    if done.returncode < 0 or done.returncode == ExitCode.INTERRUPTED:
+    if done.returncode in (ExitCode.CUT_SHORT, ExitCode.INTERRUPTED):
         raise KeyboardInterrupt
     last_line = printable(last_words(done.stderr or done.stdout).removeprefix("ERROR: "))
     if done.returncode in _ENDED_BY_FIRMWARE:
@@ -376,6 +377,8 @@ def _format_duration(seconds: float) -> str:
 
 def main(out: Path) -> int:
     """Judge the commit that git has checked out; exit codes from 128 on belong to no commit, and end the bisection."""
+    interrupt_by_signals()
+    follow_parent()
     try:
         bisection = read_bisection(out)
         return CODES[judge(bisection, _progress(bisection)).found]

@@ -8,10 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 import pytest
 
 from hiltest.errors import ConfigError
+from hiltest.processes import lacks_resources
 from hiltest.rig.bench_files import suites
+from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
 from hiltest.run_record.run import Run
 from hiltest.session.bench_session import SESSION
@@ -113,6 +116,12 @@ class RunCommand:
         else:
             hil.open(with_board=True)
 
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_internalerror(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+        """End the command if a resource is used up, which is no error of pytest."""
+        if lacks_resources(excinfo.value):
+            pytest.exit(f"cut short: {excinfo.exconly()}", returncode=ExitCode.CUT_SHORT)
+
     def pytest_hil_finished(self, run: Run) -> None:
         """Store the finished record, and show its verdict."""
         self.run = run
@@ -174,26 +183,30 @@ def run_suites(
     # Otherwise pytest warns that it came too late to rewrite the assertions of the package that started it.
     no_warning = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
     # The packaged suites may lie inside another project's tree; the root is the folder of the command nevertheless.
-    code = pytest.main(
-        [
-            str(suites(folder)),
-            "-p",
-            "hiltest",
-            "-p",
-            "no:cacheprovider",
-            "--import-mode=importlib",
-            f"--rootdir={folder}",
-            "--tb=short",
-            "--no-header",
-            "-rN",
-            "-W",
-            no_warning,
-            f"--junit-xml={out / _JUNIT_FILE}",
-            f"--hil-out={out}",
-            *options,
-        ],
-        plugins=[command, _CollectionFreezer()],
-    )
+    arguments = [
+        str(suites(folder)),
+        "-p",
+        "hiltest",
+        "-p",
+        "no:cacheprovider",
+        "--import-mode=importlib",
+        f"--rootdir={folder}",
+        "--tb=short",
+        "--no-header",
+        "-rN",
+        "-W",
+        no_warning,
+        f"--junit-xml={out / _JUNIT_FILE}",
+        f"--hil-out={out}",
+        *options,
+    ]
+    try:
+        code = pytest.main(arguments, plugins=[command, _CollectionFreezer()])
+    except OSError as error:
+        if command.run is None or not lacks_resources(error):
+            raise
+        click.echo(f"cut short: a file beside the record cannot be written: {error}", err=True)
+        code = 0
     if command.run is None:
         return int(code), None
     # A conftest may change pytest's last word, but not the verdict of the record.

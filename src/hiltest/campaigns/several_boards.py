@@ -246,7 +246,7 @@ def _row(name: str, by_board: dict[str, Measurement]) -> Apart:
 def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
     """Return the verdict over all boards."""
     codes = {board.exit_code for board in boards}
-    # The enumeration is in order of precedence, a pass last. The code of a killed process is not in it.
+    # The enumeration is in order of precedence, a pass last. Another code is a plugin's.
     ordered = (int(exit_code) for exit_code in ExitCode if exit_code in codes and exit_code)
     code = next(ordered, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
     red = [f"{board.name}: {_word(board.exit_code)}" for board in boards if board.exit_code]
@@ -256,5 +256,5 @@ def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
 
 
 def _word(code: int) -> str:
-    """Return the name of an exit code; a process that a signal ended has another code."""
-    return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, "killed")
+    """Return the name of an exit code, which a plugin of pytest may have chosen."""
+    return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, f"exit code {code}")

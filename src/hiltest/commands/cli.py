@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import errno
-import io
 import re
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from importlib import import_module
@@ -15,12 +15,12 @@ import click
 
 from hiltest import __version__
 from hiltest.commands.options import EXIT_CODES, print_error
-from hiltest.errors import BenchError, ConfigError, HiltestError, ProtocolError
+from hiltest.errors import BenchError, CalibrationError, ConfigError, DeviceError, HiltestError, ProtocolError
+from hiltest.processes import follow_parent, guard_output, interrupt_by_signals, lacks_resources, output_fault
 
-_FAILED, _INTERRUPTED, _USAGE_ERROR = 1, 2, 4
-_CODES = {ConfigError: _USAGE_ERROR, BenchError: 20, ProtocolError: 23}
+_INTERRUPTED, _INTERNAL_ERROR, _USAGE_ERROR, _CUT_SHORT = 2, 3, 4, 24
+_CODES = {CalibrationError: 1, ConfigError: 4, BenchError: 20, DeviceError: 20, ProtocolError: 23}
 _NO_CHOICE = re.compile(r"'(?P<word>[^']*)' is not one of (?P<choices>.*)")
-_OUTPUT_ERRORS = {errno.ENOSPC: "cannot write the output", errno.ENAMETOOLONG: "no file can have this name"}
 # Commands under the headings of the help. "fit imu" is the function fit_imu in hiltest.commands.fit_imu.
 _HEADINGS = {
     "Commands": ("run", "judge", "compare", "fit", "profile", "doctor", "flash", "start", "init", "report"),
@@ -133,9 +133,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and exit with its code; a wrong option is 4, as for pytest."""
     # click's own exit code for a wrong option is 2, which means "interrupted" here.
     command: Callable[..., Any] = commands.main
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a file's name may not be encodable
-            stream.reconfigure(errors="backslashreplace")
+    sys.stdout, sys.stderr = guard_output(sys.stdout), guard_output(sys.stderr)
+    interrupt_by_signals()
+    follow_parent()
     words = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in words[: words.index("--") if "--" in words else None]
     try:
@@ -149,18 +149,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = _report_failure(error, message, _USAGE_ERROR, as_json=as_json)
     except HiltestError as error:
         click.echo(f"ERROR: {error}", err=True)
-        code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _FAILED)
+        code = next((code for kind, code in _CODES.items() if isinstance(error, kind)), _CUT_SHORT)
         _report_failure(error, str(error), code, as_json=as_json)
-    except OSError as error:
-        if error.errno not in _OUTPUT_ERRORS:
-            raise
-        click.echo(f"ERROR: {_OUTPUT_ERRORS[error.errno]}: {error.strerror}", err=True)
-        # No document is printed, since the output itself cannot be written.
-        code = _USAGE_ERROR
     except (click.Abort, KeyboardInterrupt) as error:
         click.echo("interrupted", err=True)
         code = _report_failure(error, "interrupted", _INTERRUPTED, as_json=as_json)
+    except Exception as error:
+        code, message = _unexpected_end(error)
+        click.echo(f"ERROR: {message}", err=True)
+        _report_failure(error, message, code, as_json=as_json)
+    if (fault := output_fault(sys.stdout)) is not None:
+        click.echo(f"ERROR: cannot write the output: {fault.strerror}", err=True)
+        if words[:1] != ["run"]:  # the result of a run is its record, and not its output
+            code = _USAGE_ERROR
     sys.exit(code or 0)
+
+
+def _unexpected_end(error: Exception) -> tuple[int, str]:
+    """Return exit code and message of an error that no command expects; print where an internal error came from."""
+    if lacks_resources(error):
+        return _CUT_SHORT, f"cut short: {getattr(error, 'strerror', None) or str(error) or 'memory ran out'}"
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        return _USAGE_ERROR, f"no file can have this name: {error.strerror}"
+    traceback.print_exc()
+    return _INTERNAL_ERROR, f"internal error: {type(error).__name__}: {error}"
 
 
 def _add_nearest_choice(message: str) -> str:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, documented, opened, parsed
+from hiltest.commands.options import NumberRange, documented, opened, parsed
 from hiltest.errors import BenchError, ConfigError
+from hiltest.processes import asked_to_end
 from hiltest.session.settings import file_name
 
 if TYPE_CHECKING:

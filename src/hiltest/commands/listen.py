@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hiltest.commands.options import NumberRange, asked_to_end, documented, load_named_rig, setting_option
+from hiltest.commands.options import NumberRange, documented, load_named_rig, setting_option
 from hiltest.errors import ConfigError, LinkLostError
+from hiltest.processes import asked_to_end
 
 if TYPE_CHECKING:
     from hiltest.boards import VirtualBench

@@ -13,12 +13,12 @@ import click
 from hiltest.commands.options import (
     ErrorOutput,
     NumberRange,
-    asked_to_end,
     documented,
     load_named_rig,
     opened,
     setting_option,
 )
+from hiltest.processes import asked_to_end
 
 if TYPE_CHECKING:
     from hiltest.boards import Board

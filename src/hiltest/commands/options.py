@@ -1,4 +1,4 @@
-"""Parts that several commands share: options, exit codes, files to write, and an end by Ctrl-C."""
+"""Parts that several commands share: options, exit codes and files to write."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import contextlib
 import functools
 import io
 import math
-import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -39,6 +38,7 @@ Exit codes:
   21  regression: worse than the baseline by more than a tolerance
   22  not evaluated: limit not measured or baseline missing
   23  wrong firmware, or another protocol version
+  24  cut short: a process was killed, or memory, files or disk space ran out
 """
 
 _SAID_MOST = 10_000
@@ -235,19 +235,3 @@ def opened(out: Path) -> Iterator[TextIO]:
         raise ConfigError(f"cannot write {out}: {error.strerror or error}") from error
     with file:
         yield file
-
-
-@contextlib.contextmanager
-def asked_to_end() -> Iterator[list[int]]:
-    """Return a list that collects Ctrl-C instead of interrupting; a second Ctrl-C interrupts."""
-    came: list[int] = []
-
-    def note(number: int, _frame: object) -> None:
-        came.append(number)
-        signal.signal(signal.SIGINT, before)
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield came
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -115,8 +115,8 @@ def profile_worst(
     ARGUMENTS.
     """
     from hiltest.boards import default_firmware
-    from hiltest.commands.options import asked_to_end
     from hiltest.path_names import path_in
+    from hiltest.processes import asked_to_end
     from hiltest.run_record.files import write_asked_for
     from hiltest.studies.worst_case.search import Budget
     from hiltest.studies.worst_case.worst_input import to_json

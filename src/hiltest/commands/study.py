@@ -145,7 +145,8 @@ def study(
     float32       stability of the calibrators in float32, over hard iron
     imu           errors of an IMU that remain after its calibrations
     """
-    from hiltest.commands.options import ErrorOutput, asked_to_end
+    from hiltest.commands.options import ErrorOutput
+    from hiltest.processes import asked_to_end
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
     from hiltest.studies.methods import own_methods

@@ -14,6 +14,7 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 3
     USAGE_ERROR = 4
     NO_TESTS = 5
+    CUT_SHORT = 24
     FAILED = 1
     WRONG_FIRMWARE = 23
     CONNECTION_LOST = 20
@@ -27,6 +28,7 @@ WORDS = {
     ExitCode.INTERNAL_ERROR: "internal error",
     ExitCode.USAGE_ERROR: "usage error",
     ExitCode.NO_TESTS: "no tests",
+    ExitCode.CUT_SHORT: "cut short",
     ExitCode.FAILED: "fail",
     ExitCode.WRONG_FIRMWARE: "wrong firmware",
     ExitCode.CONNECTION_LOST: "connection lost",
@@ -36,7 +38,8 @@ WORDS = {
 }
 """Outcome of a run per exit code."""
 
-PYTEST_WINS = (ExitCode.INTERRUPTED, ExitCode.INTERNAL_ERROR, ExitCode.USAGE_ERROR, ExitCode.NO_TESTS)
+PYTEST_WINS = tuple(ExitCode)[: [*ExitCode].index(ExitCode.FAILED)]
+"""Codes of a run that did not come to its end."""
 
 
 def comparison_code(comparison: Comparison) -> ExitCode:

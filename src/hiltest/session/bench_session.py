@@ -414,6 +414,11 @@ class HilSession:
         if self._tape is not None:
             self._tape.begin_test(self.test_id(nodeid))
 
+    def flush_tape(self) -> None:
+        """Write the recording of this run to the disk."""
+        if self._tape is not None:
+            self._tape.flush()
+
     @contextmanager
     def refusing_reset(self) -> Iterator[None]:
         """Wrap a test: if the board was reset meanwhile, report the reset as its result."""

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from hiltest.session.older_firmware import OlderFirmware
     from hiltest.verdict.evidence import Evidence
 
-NOT_EVALUATED = 22
-"""The exit code, defined here to avoid a heavy import."""
+NOT_EVALUATED, CUT_SHORT = 22, 24
+"""The exit codes, defined here to avoid a heavy import."""
 
 
 PACKAGED = "The packaged firmware was compared: name yours with --firmware ELF."

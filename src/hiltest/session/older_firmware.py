@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from hiltest.errors import ConfigError
+from hiltest.processes import run_child
 from hiltest.report.job_summary import remove_job_summary
 from hiltest.report.terminal import shown_path
+from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.files import COVERAGE_FILE, RUN_FILE
 from hiltest.session.record_folder import remove_runs
 
@@ -97,10 +99,13 @@ def coverage_in(folder: Path, *, covers: bool) -> list[str]:
 def run_command(
     *arguments: str, folder: Path, cwd: Path | None = None, environment: Mapping[str, str] = os.environ
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``hiltest run`` without a base, so that its record replaces the one in a folder."""
+    """Run ``hiltest run`` without a base, so that its record replaces the one in a folder; 24 if it was killed."""
     remove_runs(folder)  # the record of an earlier command must not pass for this one's
     command = [sys.executable, "-m", "hiltest", "run", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, env=_environment(environment))
+    done = run_child(command, cwd=cwd, environment=_environment(environment))
+    if done.returncode < 0:  # a signal ended it
+        done.returncode = ExitCode.CUT_SHORT
+    return done
 
 
 def last_words(output: str) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hiltest.errors import ConfigError
+from hiltest.processes import asked_to_end, guard_output, interrupt_by_signals, lacks_resources
 from hiltest.rig.rig import conditions_sha256
 from hiltest.run_record.files import MARKDOWN_FILE, OLDER_FOLDER, write_asked_for
 from hiltest.run_record.outcomes import TestOutcome
@@ -25,7 +27,7 @@ from hiltest.run_record.run import (
 )
 from hiltest.run_record.run_json import part_from
 from hiltest.session.bench_session import HilSession
-from hiltest.session.gate import NOT_EVALUATED
+from hiltest.session.gate import CUT_SHORT, NOT_EVALUATED
 from hiltest.session.record_folder import remove_runs
 from hiltest.session.results import (
     BENCH,
@@ -60,7 +62,22 @@ def start_recording(hil: HilSession) -> Recording:
         recorder.board(replace(board_record(hil.board), recording=hil.replay and hil.replay.record), hil.board.seed)
     recording = Recording(hil, recorder)
     hil.config.pluginmanager.register(recording, "hiltest-recording")
+    interrupt_by_signals()
+    terminal = hil.config.pluginmanager.get_plugin("terminalreporter")
+    if terminal is not None:
+        terminal._tw._file = guard_output(terminal._tw._file)
     return recording
+
+
+@contextmanager
+def cutting_short() -> Iterator[None]:
+    """End the session with exit code 24 if the record cannot be written for lack of disk space, files or memory."""
+    try:
+        yield
+    except (OSError, MemoryError, ConfigError) as error:
+        if not lacks_resources(error):
+            raise
+        pytest.exit(f"cut short: the record cannot be written: {error}", returncode=CUT_SHORT)
 
 
 class Recording:
@@ -114,14 +131,27 @@ class Recording:
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         """Write a finished test through to the disk, including each attempt."""
         results = self._log.finish(nodeid)
-        for result in results:
-            self._recorder.finish_test(result)
+        with cutting_short():
+            self._hil.flush_tape()  # first, so that the recording has every test of the journal
+            for result in results:
+                self._recorder.finish_test(result)
         self._finished += bool(results) and results[-1].outcome is not TestOutcome.RERUN
 
     # The first of the plain implementations, so that others, such as junitxml, see the final exit status.
     @pytest.hookimpl(tryfirst=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
-        """Close the board, decide the run, write ``run.json`` and the reports."""
+        """Close the board, decide the run, write ``run.json`` and the reports; one more Ctrl-C does not prevent it."""
+        try:
+            with asked_to_end():
+                self._finish(session, exitstatus)
+        except (OSError, MemoryError, ConfigError) as error:
+            if not lacks_resources(error):
+                raise
+            if self.run is None:  # the journal keeps what it has
+                session.exitstatus = CUT_SHORT
+            _print_line(session.config, f"cut short: the record and its pages cannot be written: {error}")
+
+    def _finish(self, session: pytest.Session, exitstatus: int) -> None:
         from hiltest.report.job_summary import append_to_job_summary
         from hiltest.report.render import write_reports
         from hiltest.verdict.evidence import evidence_of
@@ -136,8 +166,11 @@ class Recording:
         self._recorder.findings.chosen = self._hil.choice.chose_our_tests
         self._recorder.findings.suites = suite_digests(self._test_files, session.config.rootpath)
         stopped = bool(session.shouldstop or session.shouldfail)
-        left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.chose_any_tests)
         cut_short = stopped or self._finished < session.testscollected
+        if cut_short and not stopped and exitstatus <= pytest.ExitCode.TESTS_FAILED:
+            # A second Ctrl-C came while pytest dealt with the first, and pytest has forgotten both.
+            exitstatus = pytest.ExitCode.INTERRUPTED
+        left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.chose_any_tests)
         decided = partial(
             decide, self._recorder.findings, pytest_exit=int(exitstatus), left_out=left_out, cut_short=cut_short
         )

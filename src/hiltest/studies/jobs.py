@@ -6,12 +6,15 @@ anywhere, in any order, and repeated if its worker dies. The caller receives one
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from importlib.metadata import PackageNotFoundError, version
 from itertools import islice
+from multiprocessing import parent_process
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Any, TypeVar
@@ -19,6 +22,8 @@ from uuid import uuid4
 
 from hiltest import __version__
 from hiltest.errors import ConfigError, HiltestError, SchedulerError
+from hiltest.processes import end_children
+from hiltest.run_record.exit_codes import ExitCode
 
 Common = TypeVar("Common")
 Result = TypeVar("Result")
@@ -106,16 +111,32 @@ def _run_in_pool(
         """Return one more than the number of processes, so that few pieces remain when an end is requested."""
         return 0 if asked_to_end() else jobs + 1
 
+    running = dict[Any, int]()
     try:
-        yield from _yield_results(lambda piece: pool.submit(do, common, piece), room, pieces, {})
+        yield from _yield_results(lambda piece: pool.submit(do, common, piece), room, pieces, running)
     except BrokenProcessPool as error:
         raise HiltestError(f"a worker process was killed, possibly because memory ran out; {remark}") from error
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
+        while not all(future.done() for future in running):
+            end_children()  # also of a thread that was just about to start one
+            wait(running, timeout=_LISTEN_S)
+        pool.shutdown()
 
 
 def _leave_interruption_to_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent has ended: other workers keep the queue open, which would never end."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(ExitCode.INTERRUPTED)
 
 
 def _yield_results(

@@ -52,6 +52,9 @@ class Tape(ABC):
     def begin_test(self, test: str) -> None:
         """Mark the start of a test."""
 
+    def flush(self) -> None:  # noqa: B027 - other tapes have nothing to write
+        """Write a recording to the disk."""
+
     @abstractmethod
     def end(self) -> str:
         """End the run; return an error message, empty without an error."""

@@ -82,10 +82,14 @@ class Recorder(Tape):
             raise
 
     def begin_test(self, test: str) -> None:
-        """Mark the start of a test, and flush the file."""
+        """Mark the start of a test."""
+        if self._file is not None:
+            self._file.add(TranscriptEntry(self._latest_s, Direction.MARK, test.encode()))
+
+    def flush(self) -> None:
+        """Flush the file."""
         if self._file is not None:
             self._file.flush()
-            self._file.add(TranscriptEntry(self._latest_s, Direction.MARK, test.encode()))
 
     def end(self) -> str:
         """Close the recording."""

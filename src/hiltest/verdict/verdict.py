@@ -75,7 +75,7 @@ def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = ()
 
 
 def exit_code(findings: Findings, *, pytest_exit: int) -> int:
-    """Return the exit code: pytest's 2 to 5, then 1, 23, 20, 22, 21."""
+    """Return the exit code: pytest's 2 to 5 and 24, then 1, 23, 20, 22, 21."""
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
     # A measurement out of its limit is red even if its test is skipped afterwards.
