@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import select
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 from hiltest.errors import OperatorAbsentError
 from hiltest.procedures.questions import Question
+from hiltest.session.bench_page import BenchPage
 from hiltest.session.operator_prompt import ask
 
 END_OF_FILE = b"\x04"
@@ -83,3 +85,24 @@ def test_without_a_terminal_a_question_is_a_text_as_any_other(
 
     assert ask(Question("Enter: ", live)) == "12"
     assert capsys.readouterr().out == "Enter: "
+
+
+def test_the_first_answer_counts_from_the_page_or_from_the_terminal() -> None:
+    page = BenchPage("127.0.0.1")
+    try:
+        with at_a_terminal() as keyboard:
+            at_the_page = Question("turn it.\n  Enter: ", lambda: f"look {page.take_answer(1, '12')}")
+            assert ask(at_the_page, page) == "12"
+            assert json.loads(page.news())["asks"] is False
+            assert page.take_answer(1, "13") is False  # a second press comes too late for any question
+
+            def typed() -> str:
+                os.write(keyboard, b"14\n")
+                return "still"
+
+            assert ask(Question("and again.\n  Enter: ", typed), page) == "14"
+        state = json.loads(page.news())
+        assert (state["lines"][0], state["live"], state["asks"]) == ("and again.", "still", False)
+        assert page.take_answer(2, "15") is False
+    finally:
+        page.close()
