@@ -9,13 +9,18 @@ from pathlib import Path
 
 import pytest
 
+from ..finished_run import without_volatile
+
 WALL_LIMIT_S = 300.0  # some ten seconds on an idle machine
 
 
 @pytest.mark.ci
-def test_its_headings_are_judged_and_its_cycles_have_the_prices_of_the_part(tmp_path: Path) -> None:
+def test_its_headings_are_judged_its_cycles_have_the_prices_of_the_part_and_a_replay_repeats_the_run(
+    tmp_path: Path,
+) -> None:
     command = [sys.executable, "-m", "hiltest", "run", "--rig", "stm32f411-disco"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
+    recorded = [*command, "--record", "run.jsonl.gz"]
+    done = subprocess.run(recorded, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "hil-out" / "report.html").stat().st_size > 10_000
     record = json.loads((tmp_path / "hil-out" / "run.json").read_text(encoding="utf-8"))
@@ -31,3 +36,9 @@ def test_its_headings_are_judged_and_its_cycles_have_the_prices_of_the_part(tmp_
     # On the K64F, whose code is in SRAM, 11 247 and 841. A fifth is left for later compilers and sources.
     assert values["cycles.fit.median"] == pytest.approx(11_400, rel=0.2)
     assert values["cycles.tilt.median"] == pytest.approx(950, rel=0.2)
+    replay = [*command, "--replay", "run.jsonl.gz", "--out", "again"]
+    replayed = subprocess.run(replay, capture_output=True, text=True, timeout=WALL_LIMIT_S, cwd=tmp_path)
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+    again = json.loads((tmp_path / "again" / "run.json").read_text(encoding="utf-8"))
+    volatile = sorted({*record["volatile"], *again["volatile"]})
+    assert without_volatile(again | {"volatile": volatile}) == without_volatile(record | {"volatile": volatile})

@@ -186,14 +186,16 @@ class SampledOutput(Restorable):
 
     def read(self, index: int, time_s: float, *, low_first: bool = False) -> int:
         """Return byte `index` (0 to 5) of the three words; a high byte clears its axis's flags."""
-        axis, second = divmod(index, 2)
-        is_high = bool(second) == low_first
-        value = self.word(axis, time_s)
-        if is_high:
-            self.clear_flags(axis)
+        axis = index >> 1
+        if self._held is None:
+            self._held = self.latest(time_s)
+        word = (self.counts(self._held) if self._held >= self._first else self._before)[axis]
+        is_high = (index & 1) == low_first
+        if is_high and self._held > self._read[axis]:
+            self._read[axis] = self._held
         if index == 5:
             self.deliver_read(time_s)
-        return value >> (8 if is_high else 0) & 0xFF
+        return word >> 8 & 0xFF if is_high else word & 0xFF
 
     def clear_flags(self, axis: int) -> None:
         """Clear the flags of an axis, whose word was read in this burst."""
