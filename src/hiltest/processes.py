@@ -172,16 +172,22 @@ def run_child(
     Parameters
     ----------
     shows_errors
-        True to leave the standard error of the command to the user instead of returning it.
+        True to print the standard error of the command, as it comes, instead of returning it.
     """
     reading, writing = os.pipe()
+    printing: threading.Thread | None = None
+    errors_writing = subprocess.PIPE
+    if shows_errors:  # not to the terminal itself, which may be closed: its end must not end the child
+        errors_reading, errors_writing = os.pipe()
+        printing = threading.Thread(target=_print_errors, args=(errors_reading,), daemon=True)
+        printing.start()
     try:
         child = subprocess.Popen(
             command,
             cwd=cwd,
             env={**environment, _PARENT_PIPE: str(reading)},
             stdout=subprocess.PIPE,
-            stderr=None if shows_errors else subprocess.PIPE,
+            stderr=errors_writing,
             text=True,
             errors="replace",
             pass_fds=(reading,),
@@ -192,6 +198,8 @@ def run_child(
         raise
     finally:
         os.close(reading)
+        if printing is not None:
+            os.close(errors_writing)
     _children[child] = False
     with child:
         try:
@@ -207,7 +215,15 @@ def run_child(
         finally:
             del _children[child]
             os.close(writing)
+    if printing is not None:
+        printing.join(_HUNG_S)
     return subprocess.CompletedProcess(command, child.returncode, output, errors or "")
+
+
+def _print_errors(descriptor: int) -> None:
+    with open(descriptor, encoding="utf-8", errors="replace") as lines:
+        for line in lines:
+            sys.stderr.write(line)
 
 
 def end_children() -> None:

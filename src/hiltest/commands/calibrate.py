@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,7 +102,7 @@ def _calibrate_guided(board: Board, rig: Rig, calibrator: str) -> ImuCalibration
     from hiltest.session.progress_line import ProgressLine, TextOutput
 
     progress = ProgressLine(TextOutput(sys.stdout), shown=sys.stdout.isatty())
-    table = open_table(board, rig, prompt=ask)
+    table = open_table(board, rig, prompt=partial(ask, is_turn=True))
     try:
         return calibrate_imu(
             board,

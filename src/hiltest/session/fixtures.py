@@ -277,7 +277,7 @@ def _ask(config: pytest.Config, text: str) -> str:
         config.stash[SESSION].clear_progress()
         if (reporter := config.pluginmanager.getplugin("terminalreporter")) is not None:
             reporter.ensure_newline()
-        return ask(text, config.stash[SESSION].page)
+        return ask(text, config.stash[SESSION].page, is_turn=True)
     finally:
         if capture is not None:
             capture.resume()

@@ -18,16 +18,18 @@ if TYPE_CHECKING:
 _LOOK_S = 0.02
 
 
-def ask(text: str, page: BenchPage | None = None) -> str:
+def ask(text: str, page: BenchPage | None = None, *, is_turn: bool = False) -> str:
     """Show a text and return the line that was typed, or the answer at the page.
 
     Parameters
     ----------
     text
-        Text of the prompt. On a terminal, keys that were pressed before are discarded, and the live part of a
-        `Question` is shown after the text and updated until the line is typed.
+        Text of the prompt. On a terminal the live part of a `Question` is shown after it, and updated until the line is
+        typed.
     page
         Page with the same question; the first answer counts.
+    is_turn
+        Whether the question asks for a turn of the board: keys that were pressed before are then discarded.
 
     Raises
     ------
@@ -35,7 +37,8 @@ def ask(text: str, page: BenchPage | None = None) -> str:
         If there is neither a terminal nor a page to ask at.
     """
     live = getattr(text, "live", None)
-    _discard_typed_ahead()
+    if is_turn:
+        _discard_typed_ahead()
     try:
         return input(text) if page is None and (live is None or not _is_terminal()) else _ask_live(text, live, page)
     except (EOFError, OSError, RuntimeError) as error:  # RuntimeError: standard input is closed
@@ -45,7 +48,7 @@ def ask(text: str, page: BenchPage | None = None) -> str:
 
 
 def _discard_typed_ahead() -> None:
-    """Discard the keys that were pressed before a question: they answer none."""
+    """Discard the keys that were pressed before a question: the board was not turned for it."""
     with suppress(ImportError, ValueError, OSError):  # no terminal: another system, a file, or closed
         import termios
 
