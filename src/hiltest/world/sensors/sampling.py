@@ -187,12 +187,13 @@ class SampledOutput(Restorable):
     def read(self, index: int, time_s: float, *, low_first: bool = False) -> int:
         """Return byte `index` (0 to 5) of the three words; a high byte clears its axis's flags."""
         axis = index >> 1
-        if self._held is None:
-            self._held = self.latest(time_s)
-        word = (self.counts(self._held) if self._held >= self._first else self._before)[axis]
+        held = self._held
+        if held is None:
+            held = self._held = self.latest(time_s)
+        word = (self.counts(held) if held >= self._first else self._before)[axis]
         is_high = (index & 1) == low_first
-        if is_high and self._held > self._read[axis]:
-            self._read[axis] = self._held
+        if is_high and held > self._read[axis]:
+            self._read[axis] = held
         if index == 5:
             self.deliver_read(time_s)
         return word >> 8 & 0xFF if is_high else word & 0xFF

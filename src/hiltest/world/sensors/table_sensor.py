@@ -41,6 +41,12 @@ class TableSensor(RegisterDevice):
         tag = f"{setup.name or self.table.part.lower()}@{self.address:02x}"
         self._rows = {row.quantity: row for row in self.table.outputs}
         self.outputs = tuple(self._make_output(row, f"{tag}/{row.quantity.key}") for row in self.table.outputs)
+        # Output and byte of its words by address; no byte for its status. The first output with an address has it.
+        self._sources: dict[int, tuple[SampledOutput, int | None]] = {}
+        for output, row in reversed(list(zip(self.outputs, self.table.outputs, strict=True))):
+            if row.status is not None:
+                self._sources[row.status] = output, None
+            self._sources |= {row.first + place: (output, place) for place in range(6)}
         self._stored = dict(self.table.values)
         self._running: dict[Sensed, tuple[float, bool]] = {}
         self._single_end_s: dict[Sensed, float] = {}
@@ -213,12 +219,11 @@ class TableSensor(RegisterDevice):
     def read_register(self, register: int, time_s: float) -> int:
         """Return a register's byte; addresses that the table lacks read 0."""
         address = self.locate(register)
-        for output, row in zip(self.outputs, self.table.outputs, strict=True):
-            place = address - row.first
-            if 0 <= place < 6:
-                return output.read(place, time_s, low_first=self.table.low_first)
-            if address == row.status:
-                return output.status(time_s)
+        output, place = self._sources.get(address, (None, None))
+        if output is not None:
+            return (
+                output.status(time_s) if place is None else output.read(place, time_s, low_first=self.table.low_first)
+            )
         name, place = self.table.words.get(address, ("", 0))
         value = self.computed(name, time_s) if name else 0
         return self._stored[address] if value is None else value >> 8 * place & 0xFF
