@@ -76,6 +76,7 @@ READING = {
     "serve --flash-file": ("serve", "--flash-file", "{}"),
     "serve --replay": ("serve", "--replay", "{}"),
     "serve --rig": ("serve", "--rig", "{}"),
+    "study --firmware": ("study", "budget", "--firmware", "{}"),
     "study --rig": ("study", "choose", "--rig", "{}"),
     "timing check file": ("timing", "check", "{}"),
     "timing measure --rig": ("timing", "measure", "--rig", "{}"),

@@ -152,7 +152,7 @@ def _chosen_elf(folder: Path) -> Path:
 def _below(folder: Path, firmware: Path) -> Path:
     """Return the path of a file below a folder, relative to it."""
     if not firmware.is_file():
-        raise ConfigError(f"{firmware} is no file; build your firmware, or name it: hiltest start FILE")
+        raise ConfigError(f"{firmware} is no regular file; build your firmware, or name it: hiltest start FILE")
     if not firmware.resolve().is_relative_to(folder.resolve()):
         raise ConfigError(f"{firmware} is outside of {folder}; run hiltest start in the repository that builds it")
     return firmware.resolve().relative_to(folder.resolve())
