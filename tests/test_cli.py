@@ -23,8 +23,8 @@ from . import in_process
 COMMANDS = Path(commands.__file__).parent
 VERBS = """
 Accept Begin Build Calibrate Check Compare Compile Compute Connect Copy Count Decode Diagnose End Explain Export Fail
-Find Fit Flash Give Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record Repeat
-Require Run Save Search Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
+Find Fit Flash Give Judge Keep List Listen Load Log Make Measure Name Open Pass Play Plot Print Propose Read Record
+Repeat Require Run Save Search Select Serve Set Show Start Stop Take Test Time Tolerate Use Weight Write
 """
 
 pytestmark = pytest.mark.slow
