@@ -121,6 +121,12 @@ def test_a_command_that_is_killed_at_any_moment_leaves_no_wrong_number(number: i
     assert (left.again, left.complete) == (0, True)
 
 
+def exit_code(running: subprocess.Popen[str]) -> int:
+    """Wait for the end of a command; return its exit code."""
+    running.communicate(timeout=WAIT_S)
+    return running.returncode
+
+
 class TestOutput:
     def test_a_full_device_changes_neither_the_verdict_nor_the_exit_code(self, tmp_path: Path) -> None:
         make_bench(tmp_path, RUN)
@@ -176,7 +182,7 @@ class TestCodes:
         make_bench(tmp_path, SEEDS)
         suite = "import os\n\ndef test_one():\n    os.kill(os.getpid(), 9)\n"
         (tmp_path / "hil" / "suites" / "test_two.py").write_text(suite)
-        assert begin(tmp_path, SEEDS).wait(WAIT_S) == 24
+        assert exit_code(begin(tmp_path, SEEDS)) == 24
 
     @pytest.mark.parametrize("error", ["MemoryError()", "OSError(28, 'No space left on device')"])
     def test_a_test_that_memory_or_disk_ends_has_not_failed(self, error: str, tmp_path: Path) -> None:
@@ -184,7 +190,7 @@ class TestCodes:
         (tmp_path / "hil" / "suites" / "test_two.py").write_text(
             f"def test_first(measure):\n    measure('first', 1, '')\n\ndef test_second(measure):\n    raise {error}\n"
         )
-        assert begin(tmp_path, RUN).wait(WAIT_S) == 24
+        assert exit_code(begin(tmp_path, RUN)) == 24
         record = read_record(tmp_path / "out").run
         assert (record.verdict.exit_code, record.verdict.outcome) == (24, "cut short")
         assert [test.id.rpartition("::")[2] for test in record.tests] == ["test_first"]
