@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import termios
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -58,6 +59,15 @@ def test_steps_that_follow_at_once_are_not_all_drawn() -> None:
         progress("points", done, 1001)
     # Five drawings a second at most: a thousand empty steps take far less than a second.
     assert 1 <= screen.text.count("\x1b7") <= 6
+
+
+def test_the_time_left_is_that_of_the_task_while_the_rest_of_its_label_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts: list[str] = []
+    progress = ProgressLine(Screen(), shown=False, also=texts.append)
+    for second in range(3):
+        monkeypatch.setattr(time, "monotonic", lambda second=second: 100.0 + second)
+        progress(f"tumble, {30 * second} % of the sphere", 10 * second, 40)
+    assert texts[-1] == "  tumble, 60 % of the sphere 20 of 40, 2 s left"
 
 
 def test_nothing_is_drawn_where_nobody_looks() -> None:

@@ -130,7 +130,7 @@ def test_an_operator_at_a_telephone_answers_the_questions_and_sees_the_board(
     ]
     assert notes[-1] == "pose 4 is not measured.\n\n3 of 4 known angles are taken; 1 pose not measured: 4."
     record = json.loads((operators_rig_file.parent / "out" / "run.json").read_text(encoding="utf-8"))
-    assert record["verdict"]["sentence"] in seen["verdict"]
+    assert record["verdict"]["sentence"].partition(". ")[2] in seen["verdict"]
     assert notes[0].startswith("Axes of the board: x points to its nose")
     assert "you did not turn: field and gravity are those of pose 1, heading 0" in notes[-4]
     refusal = next(text for text in asked if text.startswith("the tumble"))

@@ -58,7 +58,7 @@ function show() {
     at("verdict").hidden = false;
     at("verdict").className = `verdict ${news.ended.outcome === "pass" ? "good" : "bad"}`;
     at("verdict").querySelector("h1").textContent = news.ended.outcome.toUpperCase();
-    at("verdict").querySelector("p").textContent = news.ended.sentence;
+    at("verdict").querySelector("p").textContent = news.ended.sentence.replace(/^[A-Z ]+\. /, "");
     words({});
     at("enter").hidden = at("answers").hidden = true;
   }

@@ -70,7 +70,7 @@ class ProgressLine:
         self._shown = shown
         self._say = say
         self._room = room or (lambda: get_terminal_size().columns - 1)
-        self._label = ""
+        self._task = ""
         self._started_s = self._drawn_s = 0.0
         self._printed_s = time.monotonic()
         self._is_drawn = False
@@ -78,8 +78,9 @@ class ProgressLine:
     def __call__(self, label: str, done: int, total: int, note: str = "") -> None:
         """Show that `done` of `total` steps of `label` are done, followed by a note."""
         now_s = time.monotonic()
-        if label != self._label or done == 0:
-            self._label, self._started_s = label, now_s
+        task = label.partition(",")[0]  # after it, a label tells how far the task is in other terms
+        if task != self._task or done == 0:
+            self._task, self._started_s = task, now_s
         if done >= total:
             self._also("")
             self.clear()
