@@ -85,7 +85,7 @@ def test_the_parameters_of_a_tool_are_the_options_of_its_command_except_those_th
         writing = {written.rpartition(" --")[2] for written in WRITING if written.startswith(f"{name} --")}
         assert writing.isdisjoint(properties)
         assert tools[name].annotations.read_only_hint == ("out" not in properties)
-    assert {"port", "flash", "record", "coverage"}.isdisjoint(tools["run"].input_schema["properties"])
+    assert {"port", "flash", "record", "coverage", "page", "host"}.isdisjoint(tools["run"].input_schema["properties"])
     assert tools["explain"].output_schema["properties"]["schema"]["enum"] == ["hiltest.explanation/1"]
 
 

@@ -49,7 +49,7 @@ def asked_with(keyboard: int, typed: bytes, *, looks: int) -> tuple[str, str]:
             os.write(keyboard, typed)
         return f"look {number}"
 
-    answer, shown = ask(Question("turn it.\n  Enter: ", live)), b""
+    answer, shown = ask(Question("turn it.\n  Enter: ", live), is_turn=True), b""
     # The system moves what was written to a terminal a little later, and not all at once.
     while select.select([keyboard], [], [], 0.5)[0]:
         shown += os.read(keyboard, 4096)
@@ -83,7 +83,7 @@ def test_without_a_terminal_a_question_is_a_text_as_any_other(
     def live() -> str:
         raise AssertionError("the board is asked though nothing can be drawn")
 
-    assert ask(Question("Enter: ", live)) == "12"
+    assert ask(Question("Enter: ", live), is_turn=True) == "12"
     assert capsys.readouterr().out == "Enter: "
 
 

@@ -77,7 +77,8 @@ def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tm
     [
         ([], [], "has no file *.elf; build your firmware"),
         (["a.elf", "build/b.elf"], [], "several ELFs: a.elf, build/b.elf; name one: hiltest start a.elf"),
-        (["a.elf"], ["gone.elf"], "gone.elf is no file"),
+        (["a.elf"], ["gone.elf"], "gone.elf does not exist"),
+        (["${{ github.token }}.elf"], [], "GitHub evaluates ${{ in a workflow"),
         (["a.elf"], ["../outside.elf"], "run hiltest start in the repository that builds it"),
         (["a.elf"], [], "not a complete ELF file"),
     ],

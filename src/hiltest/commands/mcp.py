@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 TOOLS = ("run", "compare", "explain", "profile", "judge", "fit")
 # These write elsewhere than below --out, address a board or another host, go to pytest, or only change printed text.
 _LEFT_OUT = {
-    "run": {"port", "flash", "jobs", "coverage", "record", "verbose", "pytest_args"},
+    "run": {"port", "flash", "jobs", "coverage", "record", "verbose", "pytest_args", "page", "host", "serial"},
     "profile": {"folded", "flame_graph", "lines", "instructions"},
     "judge": {"init"},
     "fit": {"export_json", "export_header", "export_ardupilot", "force", "html"},

@@ -152,9 +152,12 @@ def _chosen_elf(folder: Path) -> Path:
 def _below(folder: Path, firmware: Path) -> Path:
     """Return the path of a file below a folder, relative to it."""
     if not firmware.is_file():
-        raise ConfigError(f"{firmware} is no regular file; build your firmware, or name it: hiltest start FILE")
+        fault = "is no regular file" if firmware.exists() else "does not exist"
+        raise ConfigError(f"{firmware} {fault}; build your firmware, or name it: hiltest start FILE")
     if not firmware.resolve().is_relative_to(folder.resolve()):
         raise ConfigError(f"{firmware} is outside of {folder}; run hiltest start in the repository that builds it")
+    if "${{" in str(firmware.resolve()):
+        raise ConfigError(f"{firmware}: GitHub evaluates ${{{{ in a workflow; rename the file")
     return firmware.resolve().relative_to(folder.resolve())
 
 
