@@ -47,8 +47,8 @@ def float32_error_deg(known_angles: RequestedAngles, run: CalibratorRun, tumble:
     Returns
     -------
     float or None
-        None for a calibrator that has no float64 reference, or whose reference finds no fit. Rounded to 1e-11 deg:
-        below 1e-12 deg it depends on the version of numpy.
+        None for a calibrator that has no float64 reference, or whose reference finds no fit. Rounded to 1e-12 deg:
+        below 1e-13 deg it depends on the version of numpy.
 
     Notes
     -----
@@ -62,7 +62,7 @@ def float32_error_deg(known_angles: RequestedAngles, run: CalibratorRun, tumble:
     return (
         None
         if headings is None
-        else round(float(np.abs(_differences_deg(known_angles.heading_deg[run.name], headings)).max()), 11)
+        else round(float(np.abs(_differences_deg(known_angles.heading_deg[run.name], headings)).max()), 12)
     )
 
 
