@@ -1,4 +1,4 @@
-"""The set-up of CONTRIBUTING.md has what the tests need, with tox and without it."""
+"""The set-up of CONTRIBUTING.md installs all packages of the tests, with tox and without it."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def _repeat(folder: Path, mode: Mode) -> tuple[int, bool]:
 
 
 def end_by_signal(folder: Path, mode: Mode, end: End) -> Left:
-    """Run a command, end it while its runs are in their second test, look at what is left, and repeat it."""
+    """Run a command, end it while its runs are in their second test, read the remaining records, and repeat it."""
     make_bench(folder, mode)
     running = begin(folder, mode)
     assert running.stdout is not None
@@ -257,7 +257,7 @@ def end_by_signal(folder: Path, mode: Mode, end: End) -> Left:
 
 
 def kill_after(folder: Path, mode: Mode, seconds: float) -> Left:
-    """Run a command whose tests do not wait, kill it after some time, look at what is left, and repeat it."""
+    """Run a command whose tests do not wait, kill it after some time, read the remaining records, and repeat it."""
     make_bench(folder, mode)
     (folder / "go").touch()
     running = begin(folder, mode)
@@ -324,7 +324,7 @@ LIMITED = (RUN, RECORD, SEEDS, RIGS)
 
 
 def end_by_limit(folder: Path, mode: Mode, limit: Limit, step: str) -> Left:
-    """Run a command to its end under a limit, look at what is left, and repeat it without."""
+    """Run a command to its end under a limit, read the remaining records, and repeat it without."""
     make_bench(folder, mode)
     if limit is SET_BACK:
         (folder / "clock.c").write_text(CLOCK, encoding="utf-8")

@@ -92,12 +92,8 @@ def run_boards(rigs: Sequence[str], options: Sequence[str], out: Path, *, flashe
         path_in(out, rig.name, remedy=f"give {rig.path} another name")
     _check_apart(benches)
     files = {name: str(rig.path) for name, rig in benches.items()}
-    for name in (
-        BOARDS_FILE,
-        BOARDS_PAGE,
-        BOARDS_MARKDOWN,
-        BOARDS_TABLE,
-    ):  # an earlier verdict must not pass for this one's
+    # An earlier verdict must not pass for this one's.
+    for name in (BOARDS_FILE, BOARDS_PAGE, BOARDS_MARKDOWN, BOARDS_TABLE):
         (out / name).unlink(missing_ok=True)
     make_folder(out)
     arguments = ("--flash",) if flashes else (), tuple(options), out, tuple(files.items())

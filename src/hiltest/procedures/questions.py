@@ -1,4 +1,4 @@
-"""Questions to an operator, with what the board's sensors show meanwhile."""
+"""Questions to an operator, with the board as its sensors show it meanwhile."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ from markupsafe import Markup
 from hiltest.text import legible
 
 _SCRIPT = Path(__file__).with_name("rows.js").read_text(encoding="utf-8")
+_SCRIPT_HASH = b64encode(sha256(_SCRIPT.encode()).digest()).decode()
 # Spaces as in 12 500 and 1 %, at which a narrow cell must not break.
 _KEPT_SPACE = re.compile(r"(?<=\d) (?=\d{3}(?!\d)|%)")
 
@@ -33,7 +34,7 @@ def render(template: str, *, package: str = "hiltest.report", **content: object)
         finalize=_make_visible,
     )
     environment.globals["script"] = Markup(_SCRIPT)
-    environment.globals["script_hash"] = b64encode(sha256(_SCRIPT.encode()).digest()).decode()
+    environment.globals["script_hash"] = _SCRIPT_HASH
     environment.filters["beside"] = _relative_address
     return environment.get_template(template).render(**content)
 
