@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import pytest
 from hypothesis import settings
 
+from . import totals
 from .debian_packages import packaged_file
 
 if TYPE_CHECKING:
@@ -107,6 +108,11 @@ _FIXTURES_THAT_RUN = {"default_run", "pytester"}
 _PART = "HILTEST_CI_PART"
 # Files of which CI runs another share: their tests are short.
 _SHARES = {HERE / "museum/test_museum.py": 3}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Register the plugin that prints totals."""
+    config.pluginmanager.register(totals)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -1,6 +1,6 @@
 """Inputs that coverage guides, for every decoder and reader of test_fuzzed_inputs.py.
 
-    python -m tests.guided_fuzz [--inputs N] [--seed S] [NAME ...]
+    python -m tests.guided_fuzz [--inputs N] [--seed S] [--jobs J] [NAME ...]
 
 Atheris, a fuzzer on libFuzzer's engine, mutates valid inputs, large ones among them, and keeps those that reach new
 branches of the package. An input that raises what its reader does not document ends the fuzzing of that reader, and is
@@ -18,10 +18,10 @@ import random
 import subprocess
 import sys
 import tempfile
+import time
 import traceback
 from pathlib import Path
 from struct import Struct
-from typing import NoReturn
 
 import atheris  # type: ignore[import-not-found]
 
@@ -30,7 +30,8 @@ with contextlib.redirect_stderr(io.StringIO()), atheris.instrument_imports(inclu
     from tests.input_budgets import Meter, OverBudgetError, enlarged
     from tests.test_fuzzed_inputs import NAMES, Reader, every_reader
 
-_LARGE = 8  # large inputs to begin with
+_LARGE = 8  # large inputs to begin with; larger ones are seeded, in test_fuzzed_inputs.py
+_LARGE_BYTES = 2048
 _TOTALS = Struct("<QQ")  # read, refused
 
 
@@ -40,29 +41,25 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--inputs", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="readers that are fuzzed at a time")
     arguments = parser.parse_args()
-    failed = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run = folder / "run.json"
         run.write_bytes(_a_run(folder))
         readers = every_reader(folder, run.read_bytes())
-        for name in arguments.names or NAMES:
-            inputs = max(20, round(arguments.inputs * readers[name].share))
-            work, counts = folder / name.replace(" ", "-"), mmap.mmap(-1, _TOTALS.size)
-            work.mkdir()
-            if (child := os.fork()) == 0:
-                _alone(readers[name], work, inputs, arguments.seed, counts)
-            _, status = os.waitpid(child, 0)
-            read, refused = _TOTALS.unpack(counts[:])
-            print(f"{name}: {read} read, {refused} refused", flush=True)
-            if os.waitstatus_to_exitcode(status) != 0 or not read:
-                failed.append(name)
-                print((work / "log").read_text(errors="replace"))
-            suspects = sorted(map(str, work.glob("over-budget-*")))
-            again = [sys.executable, "-m", "tests.input_budgets", str(run), name, *suspects]
-            if suspects and subprocess.run(again, check=False).returncode != 0:
-                failed.append(name)
+        waiting = sorted(arguments.names or NAMES, key=lambda name: readers[name].share)
+        running: dict[int, Fuzzing] = {}
+        failed: list[str] = []
+        while waiting or running:
+            while waiting and len(running) < arguments.jobs:
+                fuzzing = Fuzzing(readers[waiting[-1]], waiting.pop(), folder)
+                inputs = max(20, round(arguments.inputs * fuzzing.reader.share))
+                running[fuzzing.start(inputs, arguments.seed)] = fuzzing
+            child, status = os.wait()
+            fuzzing = running.pop(child)
+            if not fuzzing.succeeds(status, run):
+                failed.append(fuzzing.name)
     print(
         f"failed: {', '.join(failed)}"
         if failed
@@ -77,29 +74,51 @@ def _a_run(folder: Path) -> bytes:
     return next((folder / "run").rglob("run.json")).read_bytes()
 
 
-def _alone(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap) -> NoReturn:
-    """Fuzz in a process of its own, which ends here and removes nothing; what it says goes to a file."""
-    status = 1
-    log = os.open(folder / "log", os.O_WRONLY | os.O_CREAT)
-    for stream in (1, 2):
-        os.dup2(log, stream)
-    try:
-        fuzz(reader, folder, inputs, seed, counts)
-        status = 0
-    except SystemExit as ended:
-        status = int(ended.code or 0)
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        os._exit(status)
+class Fuzzing:
+    """The fuzzing of one reader in a process of its own."""
+
+    def __init__(self, reader: Reader, name: str, folder: Path) -> None:
+        self.reader, self.name = reader, name
+        self._folder, self._counts = folder / name.replace(" ", "-"), mmap.mmap(-1, _TOTALS.size)
+        self._began_s = time.monotonic()
+
+    def start(self, inputs: int, seed: int) -> int:
+        """Begin, and return the number of the process; its output goes to a file."""
+        self._folder.mkdir()
+        if child := os.fork():
+            return child
+        status = 1
+        log = os.open(self._folder / "log", os.O_WRONLY | os.O_CREAT)
+        for stream in (1, 2):
+            os.dup2(log, stream)
+        try:
+            fuzz(self.reader, self._folder, inputs, seed, self._counts)
+            status = 0
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            os._exit(status)
+
+    def succeeds(self, status: int, run: Path) -> bool:
+        """Print the totals of a process that has ended with a status; return whether its reader did as documented."""
+        read, refused = _TOTALS.unpack(self._counts[:])
+        print(f"{self.name}: {read} read, {refused} refused, {time.monotonic() - self._began_s:.0f} s", flush=True)
+        if os.waitstatus_to_exitcode(status) != 0 or not read:
+            print((self._folder / "log").read_text(errors="replace"))
+            return False
+        suspects = sorted(map(str, self._folder.glob("over-budget-*")))
+        again = [sys.executable, "-m", "tests.input_budgets", str(run), self.name, *suspects]
+        return not suspects or subprocess.run(again, check=False).returncode == 0
 
 
 def fuzz(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap) -> None:
     """Give a reader so many inputs."""
     corpus, dice = folder / "seeds", random.Random(seed)
     corpus.mkdir()
-    large = [enlarged(dice, content, most_bytes=1 << 13) for content in reader.corpus[:_LARGE]]
+    large = [enlarged(dice, content, most_bytes=_LARGE_BYTES) for content in reader.corpus[:_LARGE]]
     for number, content in enumerate([*reader.corpus, *large]):
         (corpus / str(number)).write_bytes(content)
     totals, meter = [0, 0], Meter()
@@ -116,7 +135,7 @@ def fuzz(reader: Reader, folder: Path, inputs: int, seed: int, counts: mmap.mmap
         finally:
             counts[:] = _TOTALS.pack(*totals)
 
-    longest = max(4096, 2 * max(map(len, [*reader.corpus, *large])))
+    longest = max(map(len, [*reader.corpus, *large]))
     # No small inputs first: those of the corpus are what readers take.
     options = [f"-runs={inputs}", f"-seed={seed}", f"-max_len={longest}", "-len_control=0"]
     atheris.Setup([sys.argv[0], *options, f"-artifact_prefix={folder}/", str(corpus)], one_input)

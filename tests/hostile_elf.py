@@ -141,8 +141,9 @@ def overlapping_line_programs(programs: int, rows: int) -> tuple[bytes, bytes]:
     return b"".join(unit(b"", line_program=number * size) for number in range(programs)), texts + b"\x4b" * rows
 
 
-def files_without_size(count: int) -> tuple[bytes, bytes]:
-    """Return a line program of version 5 that lists many files of no format, and so of no bytes."""
-    header = bytes([1, 1, 1, 0xFB, 14, 13, 0, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1]) + b"\0\0\0" + uleb(count)
+def files_without_size(count: int, *, form: int | None = None) -> tuple[bytes, bytes]:
+    """Return a line program of version 5 that lists a directory, and many files of no bytes: of no form, or of one."""
+    header = bytes([1, 1, 1, 0xFB, 14, 13, 0, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 1]) + b"\1\1\x08\1/src\0"
+    header += (b"\0" if form is None else bytes([1, 1, form])) + uleb(count)
     rest = struct.pack("<HBBI", 5, 4, 0, len(header)) + header
     return unit(b""), struct.pack("<I", len(rest)) + rest

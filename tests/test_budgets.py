@@ -16,6 +16,7 @@ import regex
 from tests.hostile_elf import (
     array_of_dimensions,
     elf_with,
+    files_without_size,
     nested_namespaces,
     nested_structs,
     overlapping_line_programs,
@@ -184,11 +185,23 @@ def test_a_rig_that_is_expensive_to_parse_is_refused_within_its_budget(text: str
         elf_with(static_variables(2000)),
         elf_with(*units_with_one_line_program(500, 10_000)),
         elf_with(*overlapping_line_programs(300, 10_000)),
+        elf_with(*files_without_size(1_000_000)),
+        elf_with(*files_without_size(1_000_000, form=0x19)),
         elf_with(
             static_variables(1), zdebug_info=b"ZLIB" + (1 << 32).to_bytes(8, "big") + zlib.compress(bytes(1 << 28))
         ),
     ],
-    ids=["structs", "namespaces", "dimensions", "statics", "one line program", "overlapping line programs", "packed"],
+    ids=[
+        "structs",
+        "namespaces",
+        "dimensions",
+        "statics",
+        "one line program",
+        "overlapping line programs",
+        "files of no format",
+        "files of a form without bytes",
+        "packed",
+    ],
 )
 def test_small_debug_information_that_grows_as_it_is_read_stays_within_its_budget(content: bytes) -> None:
     meter, size = Meter(), len(content)

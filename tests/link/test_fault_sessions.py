@@ -8,11 +8,10 @@ from __future__ import annotations
 import os
 import random
 from collections import Counter
-from collections.abc import Iterator
 
 import pytest
 import serial
-from tests.totals import printed_totals
+from tests.totals import session_totals
 
 from hiltest.boards import VirtualBench
 from hiltest.boards.virtual_port import VirtualPort
@@ -123,10 +122,10 @@ def bench() -> VirtualBench:
     return bench
 
 
-@pytest.fixture(scope="module", autouse=True)
-def totals(request: pytest.FixtureRequest) -> Iterator[Counter[str]]:
+@pytest.fixture
+def totals(pytestconfig: pytest.Config) -> Counter[str]:
     """Totals of all parts, printed at the end."""
-    yield from printed_totals(request.config, "fault sessions")
+    return session_totals(pytestconfig, "fault sessions")
 
 
 class Model:

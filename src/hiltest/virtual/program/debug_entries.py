@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from elftools.common.utils import struct_parse
+from elftools.dwarf.enums import ENUM_DW_FORM
+
 from hiltest.budgets import DEBUG
 
 QUALIFIERS = frozenset(
@@ -15,6 +18,8 @@ STRUCTURES = frozenset({"DW_TAG_structure_type", "DW_TAG_class_type"})
 # Attributes by which an entry refers to another entry with its name and type.
 _REFERENCES = ("DW_AT_specification", "DW_AT_abstract_origin")
 _SIGNATURE = "DW_AT_signature"  # of a type in a unit of its own
+_FORMS = {number: name for name, number in ENUM_DW_FORM.items() if isinstance(number, int)}
+_FORMS_WITHOUT_BYTES = frozenset({"DW_FORM_flag_present", "DW_FORM_implicit_const"})
 _LONGEST_CHAIN = 64  # of typedefs and qualifiers; real programs have only a few
 
 
@@ -63,7 +68,7 @@ def line_programs(dwarf: Any) -> Iterator[tuple[Any, Any]]:
     BudgetError
         If the rows may be more than those of the budget: each byte may be one.
     ValueError
-        If programs overlap.
+        If programs overlap, or one lists entries of no bytes.
     Exception
         From the parser, if the file is damaged.
     """
@@ -74,11 +79,45 @@ def line_programs(dwarf: Any) -> Iterator[tuple[Any, Any]]:
         place = unit.get_top_DIE().attributes.get("DW_AT_stmt_list")
         if place is not None and place.value not in offsets:
             offsets.add(place.value)
+            _refuse_entries_without_bytes(section.stream, unit.structs, place.value)
             program = dwarf.line_program_for_CU(unit)
             size += max(program.program_start_offset, program.program_end_offset) - place.value
             if size > section.size:
                 raise ValueError("line programs overlap")
             yield unit, program
+
+
+def _refuse_entries_without_bytes(stream: Any, structs: Any, offset: int) -> None:
+    """Refuse the header of a line program if its directories or files have no bytes: their number has no bound then.
+
+    The layout is that of DWARF 5, section 6.2.4.
+
+    Raises
+    ------
+    ValueError
+        If it has such a list.
+    Exception
+        From the parser, if the header ends early or has an unknown form.
+    """
+
+    def read(name: str) -> Any:
+        return struct_parse(getattr(structs, f"Dwarf_{name}")(""), stream)
+
+    stream.seek(offset)
+    read("initial_length")
+    if read("uint16") < 5:
+        return
+    for name in ("uint8", "uint8", "offset", *["uint8"] * 5):
+        read(name)
+    stream.seek(read("uint8") - 1, 1)  # the lengths of the standard opcodes
+    for kind in ("directories", "files"):
+        forms = [_FORMS[(read("uleb128"), read("uleb128"))[1]] for _ in range(read("uint8"))]
+        count = read("uleb128")
+        if count and _FORMS_WITHOUT_BYTES.issuperset(forms):
+            raise ValueError(f"a line program lists {count} {kind} of no bytes")
+        if kind == "directories":
+            for form in count * forms:
+                struct_parse(structs.Dwarf_dw_form[form], stream)
 
 
 def _reference_chain(entry: Any) -> Iterator[Any]:
