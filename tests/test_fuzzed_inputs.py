@@ -329,19 +329,19 @@ def every_reader(folder: Path, run: bytes) -> dict[str, Reader]:
     ]
     config, data = (ConfigError,), (ConfigError, CalibrationError)
     return {
-        "frames": Reader(_frames, (), wires, 0.10),
-        "packets": Reader(_packets, (), [*WIRES, PACKETS], 0.05),
-        "lines of text": Reader(_text, (), ["\r\n".join(lines).encode() for _, lines in SAMPLES.values()], 0.02),
+        "frames": Reader(_frames, (), wires, 0.05),
+        "packets": Reader(_packets, (), [*WIRES, PACKETS], 0.03),
+        "lines of text": Reader(_text, (), ["\r\n".join(lines).encode() for _, lines in SAMPLES.values()], 0.01),
         "stuffing": Reader(_unstuffed, (FrameError,), wires, 0.10),
-        "replies": Reader(_reply, (ProtocolError, DeviceError), replies, 0.25),
-        "requests": Reader(_request, (ProtocolError,), requests, 0.12),
-        "traces": Reader(_trace, (), [b"\x55".join(wires[n : n + 5]) for n in range(0, 25, 5)], 0.05),
+        "replies": Reader(_reply, (ProtocolError, DeviceError), replies, 0.30),
+        "requests": Reader(_request, (ProtocolError,), requests, 0.15),
+        "traces": Reader(_trace, (), [b"\x55".join(wires[n : n + 5]) for n in range(0, 25, 5)], 0.03),
         "G-code": Reader(_gcode, (GcodeError,), [b"G0 X45 Y-10", b"G1F60X1", b"G91G0Z-1.5", b"N4 G4 P0.5"], 0.09),
         "Grbl status": Reader(
             lambda item: grbl._status(item.decode("ascii", errors="replace")),
             (),
             [b"<Idle|MPos:1.000,-2.5,0|FS:0,0>", b"<Hold:1|MPos:1,2,3,4|F:0>"],
-            0.08,
+            0.10,
         ),
         "options": Reader(_words, (), [b"4294967295", b"v1.2", b"hil-out/run.json"], 0.05),
         "arguments": Reader(
