@@ -31,6 +31,8 @@ def test_the_preamble_of_senders_is_understood() -> None:
         ("10", 1),
         ("X-", 2),
         ("G", 2),
+        (f"G{10**309}", 2),
+        (f"G0X{10**309}", 2),
         ("X1E3", 20),
         ("G1X1F-1", 4),
         ("G4P-1", 4),

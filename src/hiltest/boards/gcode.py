@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from math import isfinite
 
 AXES = "XYZ"
 
@@ -129,9 +130,9 @@ def _words(line: str) -> Iterable[tuple[str, float]]:
         word = _WORD.match(line, at)
         if word is None:
             raise GcodeError(Refusal.EXPECTED_LETTER)
-        if word[2] is None:
+        if word[2] is None or not isfinite(number := float(word[2])):
             raise GcodeError(Refusal.BAD_NUMBER)
-        yield word[1], float(word[2])
+        yield word[1], number
         at = word.end()
 
 
