@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import cycle as endlessly
 from typing import TYPE_CHECKING, Any
@@ -191,6 +192,13 @@ def pytest_benchmark_scale_unit(
 
 
 # A wrapper, so that cycles of different models stay separate under any grouping.
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove the folder that pytest-benchmark makes for records, if none was saved."""
+    storage = getattr(getattr(config, "_benchmarksession", None), "storage", None)
+    with suppress(AttributeError, OSError):
+        storage.path.rmdir()
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_benchmark_group_stats(benchmarks: Sequence[Row]) -> Generator[None, Groups, Groups]:
     """Keep cycles of different models in different tables, and times in their own."""
