@@ -191,14 +191,15 @@ def pytest_benchmark_scale_unit(
     return scale_cycles(unit, benchmarks, best, config.getoption("benchmark_time_unit", None))
 
 
-# A wrapper, so that cycles of different models stay separate under any grouping.
 def pytest_unconfigure(config: pytest.Config) -> None:
     """Remove the folder that pytest-benchmark makes for records, if none was saved."""
-    storage = getattr(getattr(config, "_benchmarksession", None), "storage", None)
-    with suppress(AttributeError, OSError):
-        storage.path.rmdir()
+    folder = getattr(getattr(getattr(config, "_benchmarksession", None), "storage", None), "path", None)
+    if folder is not None:
+        with suppress(OSError):  # it has records
+            folder.rmdir()
 
 
+# A wrapper, so that cycles of different models stay separate under any grouping.
 @pytest.hookimpl(wrapper=True)
 def pytest_benchmark_group_stats(benchmarks: Sequence[Row]) -> Generator[None, Groups, Groups]:
     """Keep cycles of different models in different tables, and times in their own."""
