@@ -67,7 +67,7 @@ def test_the_study_of_estimators_names_draws_and_measures_what_was_requested(tmp
     assert run(*words, "--calibrator", "never", "--calibrator", "merayo") == 0
     record = read_record(tmp_path).run
     assert "never " in record.verdict.sentence
-    assert "refuses 100 % of them" in record.verdict.sentence
+    assert "refuses 100 % of the instances" in record.verdict.sentence
     assert "study.estimators.never.median" in {measurement.name for measurement in record.measurements}
     names = {"never", "merayo", record.verdict.sentence.partition(" points, ")[2].split()[0]}
     (table,) = (table for table in record.tables if table.name == "study.estimators")

@@ -123,7 +123,12 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     judged = CONDITIONS[JUDGED]
     refused = dict(zip(names, 1.0 - numbers_by_condition[JUDGED][:, :, 1].mean(axis=0), strict=True))
     named = [
-        f"{name} {medians[name]}" + (f" and refuses {100.0 * refused[name]:.3g} % of them" if refused[name] else "")
+        f"{name} {medians[name]}"
+        + (
+            f" and refuses {100.0 * refused[name]:.3g} % of the instances, which count as spheres"
+            if refused[name]
+            else ""
+        )
         for name in dict.fromkeys(("direct", "corrected", *plan.methods))
     ]
     sentence = (
