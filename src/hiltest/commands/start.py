@@ -130,7 +130,7 @@ def start(elf: str | None, build: str | None, action: str | None) -> tuple[int, 
     code = _hiltest("run", "--firmware", str(firmware), *options)
     if code not in (0, 1):
         if rig:
-            click.echo(f"Correct {rig} and repeat hiltest start; docs/rigs.md explains each key.")
+            click.echo(f"Correct {rig} and repeat hiltest start; hiltest listen --rig {rig} shows what it understands.")
         return code, Started(str(firmware), str(rig) if rig else None, None, None, code)
     if not baseline.exists():
         baseline.parent.mkdir(parents=True, exist_ok=True)
@@ -241,7 +241,12 @@ def _is_ignored(folder: Path, file: Path) -> bool:
 
 
 def _git(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    """Return the answer of git, which fails if it is not installed."""
+    command = ["git", *words]
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    except OSError:
+        return subprocess.CompletedProcess(command, 127, "", "")
 
 
 def _ignore_record(folder: Path) -> None:

@@ -130,10 +130,10 @@ def sentence(comparison: Comparison) -> str:
 
 def review_sentence(comparison: Comparison) -> str:
     """Return the comparison of a baseline with its next version in one sentence, which says nothing about a run."""
-    is_unchanged = comparison.evaluated and not shown(comparison)
+    if comparison.evaluated and not shown(comparison):
+        return "The baseline is unchanged."
     answers = {Answer.MAY: "accepted", Answer.NOT: "not accepted", Answer.UNKNOWN: "not evaluated"}
-    answer = "unchanged" if is_unchanged else f"changed, and the changes are {answers[comparison.answer]}"
-    return f"The baseline is {answer}: {reasons(comparison)}."
+    return f"The changes to the baseline are {answers[comparison.answer]}: {reasons(comparison)}."
 
 
 def answer_in_words(comparison: Comparison) -> str:
