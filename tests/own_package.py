@@ -26,13 +26,24 @@ def broken(samples):
     raise LookupError("no table")
 
 
+def endless(samples):
+    return samples[0] * np.nan, np.eye(3)
+
+
 def shapeless(samples):
     return samples[0], 1.0
 
 
 nothing = 5
 '''
-NAMES = {"middle": "Middle", "never": "never", "broken": "broken", "shapeless": "shapeless"}
+NAMES = {
+    "middle": "Middle",
+    "never": "never",
+    "broken": "broken",
+    "endless": "endless",
+    "direct": "never",
+    "shapeless": "shapeless",
+}
 WRONG = {"absent": "spin_sphere:absent", "unimportable": "spin_nowhere:fit", "nothing": "spin_sphere:nothing"}
 
 

@@ -20,7 +20,6 @@ from tests.interfaces.compiled import compile_c
 
 from hiltest.interfaces.quantities import Quantity
 from hiltest.interfaces.variables import Variables
-from hiltest.measurement.units import unit_words
 from hiltest.rig import Rig
 from hiltest.rig.rig_file import load_rig
 from hiltest.virtual.program.elf import load_image
@@ -255,10 +254,9 @@ def answered(folder: Path, elf: Path, answers: str) -> tuple[Rig, str]:
 
 
 @pytest.mark.slow
-def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, tmp_path: Path) -> None:
-    # From variables; heading: there is no 5; then yaw_out, in rad; of the magnetometer nothing.
-    rad = unit_words("deg").index("rad") + 1
-    rig, said = answered(tmp_path, compass, f"2\n5\n2\n{rad}\n3\n\n\n\n")
+def test_at_a_terminal_it_asks_which_is_the_heading_and_for_its_unit(compass: Path, tmp_path: Path) -> None:
+    # From variables; there is no heading 5; then yaw_out, in rad.
+    rig, said = answered(tmp_path, compass, "2\n5\n2\n2\n")
     device = rig.device
     assert "Answer with a number from 1 to 3." in said
     assert device is not None
@@ -266,6 +264,40 @@ def test_at_a_terminal_it_asks_which_is_meant_and_in_which_unit(compass: Path, t
     assert device.kind == "memory"
     assert (device.memory.values["heading"].path, device.memory.values["heading"].unit) == ("yaw_out", "rad")
     assert "magnetometer" not in device.memory.values
+
+
+@pytest.mark.slow
+def test_enter_at_every_question_gives_the_rig_of_a_run_without_a_terminal(
+    tmp_path: Path, propose: Callable[..., Proposed]
+) -> None:
+    rig, said = answered(tmp_path, SAMPLES / "compass-lines.elf", "\n")
+    assert said.count("[1] ") == 1, "only the unit of the heading is open"
+    assert "HDG=123.4" in said
+    assert rig.device == propose(SAMPLES / "compass-lines.elf").rig.device
+
+
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        (("magOffset_uT", "softIron"), set()),
+        (("magOffset_uT", "invSoftIron"), {"hard_iron", "inverse_soft_iron"}),
+        (("magOffset", "invSoftIron"), set()),
+    ],
+)
+def test_a_calibration_is_used_as_a_whole_or_not_at_all(
+    names: tuple[str, str],
+    used: set[str],
+    tmp_path: Path,
+    require_tool: Callable[[str], str],
+    propose: Callable[..., Proposed],
+) -> None:
+    iron, matrix = names
+    source = f"volatile float heading_deg, {iron}[3], {matrix}[9];"
+    source += f"int main(void) {{ return (int)(heading_deg + {iron}[0] + {matrix}[0]); }}"
+    device = propose(compile_c(require_tool("arm-none-eabi-gcc"), tmp_path, source)).rig.device
+    assert device is not None
+    assert device.memory is not None
+    assert set(device.memory.values) == {"heading", *used}
 
 
 @pytest.mark.slow

@@ -82,6 +82,8 @@ def test_the_parameters_of_a_tool_are_the_options_of_its_command_except_those_th
         assert properties.keys() <= options.keys()
         helps = {key: option.help for key, option in options.items() if isinstance(option, click.Option)}
         assert all(properties[key]["description"] == helps.get(key, key.upper()) or key == "out" for key in properties)
+        assert "go to pytest" not in tools[name].description, "no tool has arguments for pytest"
+        assert "hil-out/OUT" in properties.get("out", {"description": "hil-out/OUT"})["description"]
         writing = {written.rpartition(" --")[2] for written in WRITING if written.startswith(f"{name} --")}
         assert writing.isdisjoint(properties)
         assert tools[name].annotations.read_only_hint == ("out" not in properties)
@@ -107,9 +109,14 @@ def test_an_answer_is_the_document_of_the_command_and_has_its_schema(
     ]
 
     async def talk(session: Session) -> list[Answer]:
-        return [await session.call_tool(name, arguments) for name, arguments, _ in calls]
+        assert "hiltest start" in session.instructions
+        missing = {"base": "gone", "new": ["run.json"]}
+        several = [*((name, arguments) for name, arguments, _ in calls), ("compare", missing)]
+        return [await session.call_tool(name, arguments) for name, arguments in several]
 
-    answers = ask(talk, folder, "--out", "tools")
+    *answers, missing = ask(talk, folder, "--out", "tools")
+    assert missing.is_error
+    assert missing.content[0].text.startswith("gone: ")
     for answer, (name, _, schema) in zip(answers, calls, strict=True):
         assert not answer.is_error, answer.content[0].text
         assert checked(answer.content[0].text, schema) == answer.structured_content, name
@@ -267,6 +274,18 @@ def test_a_long_document_is_shortened_to_one_of_the_same_schema(real_record: dic
     assert len(short["measurements"]) + left_out == len(record["measurements"])
     for table in short["tables"]:
         assert all(len(row) == len(table["columns"]) for row in table["rows"])
+
+
+def test_a_reason_for_which_many_tests_were_skipped_stands_once_with_their_number() -> None:
+    lost = [{"id": f"test_{number}", "outcome": "skipped", "reason": "connection lost"} for number in range(65)]
+    others = [
+        {"id": "first", "outcome": "wrong firmware", "reason": "no answer"},
+        {"id": "other", "outcome": "skipped", "reason": "needs two boards"},
+    ]
+    short = shorten({"schema": "hiltest.run/1", "tests": [*others, *lost]}, ANSWER_BYTES)
+    once = lost[0] | {"reason": "connection lost (also of 64 other tests)"}
+    assert short["tests"] == [*others, once]
+    assert short["left_out"] == {"/tests": 64}
 
 
 def test_a_short_document_is_not_changed() -> None:

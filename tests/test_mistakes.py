@@ -71,6 +71,8 @@ def mistakes(text: str) -> Iterator[pytest.ParameterSet]:
 
 COMMANDS = """
 dance => No such command 'dance'
+test => No such command 'test'. Did you mean 'run'?
+ci => No such command 'ci'. Did you mean 'start'?
 studdy => Did you mean 'study'?
 stduy estimators => Did you mean 'study'?
 calibrat => Did you mean 'calibrate'?

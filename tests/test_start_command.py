@@ -51,15 +51,16 @@ def files_of(folder: Path) -> set[str]:
 @pytest.mark.ci
 def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tmp_path: Path, start: Start) -> None:
     shutil.copy(FIRMWARE / "compass-lines.elf", tmp_path / "my compass.elf")
-    (tmp_path / ".gitignore").write_text("build/", encoding="utf-8")
+    (tmp_path / ".gitignore").write_text("*.elf", encoding="utf-8")
     done = start("--json")
     assert done.returncode == 0, done.stderr
+    assert "The workflow cannot find my compass.elf: git ignores it" in done.stderr
     written = {"hil/rigs/my-compass.toml", "hil/baselines/my-compass.json", ".github/workflows/hiltest.yml"}
     assert files_of(tmp_path) == {"my compass.elf", ".gitignore", *written}
     document = json.loads(done.stdout)
     assert (document["firmware"], document["exit_code"]) == ("my compass.elf", 0)
     assert {document["rig"], document["baseline"], document["workflow"]} == written
-    assert (tmp_path / ".gitignore").read_text(encoding="utf-8") == "build/\nhil-out/\n"
+    assert (tmp_path / ".gitignore").read_text(encoding="utf-8") == "*.elf\nhil-out/\n"
     workflow = yaml.safe_load((tmp_path / ".github/workflows/hiltest.yml").read_text(encoding="utf-8"))
     assert workflow[True]["push"]["branches"] == ["trunk"]
     *_, action = workflow["jobs"]["virtual-board"]["steps"]
@@ -70,11 +71,16 @@ def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tm
     judged = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
     assert judged.returncode == 0, judged.stdout
     assert "May be merged (against hil/baselines/my-compass.json): PASS" in judged.stdout
+    before = (tmp_path / ".github/workflows/hiltest.yml").read_bytes()
+    repeated = start("--action", "owner/other@v2")
+    assert ".github/workflows/hiltest.yml exists and stays as it is" in repeated.stdout
+    assert (tmp_path / ".github/workflows/hiltest.yml").read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("elves", "words", "complaint"),
     [
+        (["a.elf"], ["--action", "other"], "--action other is not OWNER/NAME@REF"),
         ([], [], "has no file *.elf; build your firmware"),
         (["a.elf", "build/b.elf"], [], "several ELFs: a.elf, build/b.elf; name one: hiltest start a.elf"),
         (["a.elf"], ["gone.elf"], "gone.elf does not exist"),

@@ -368,7 +368,7 @@ class UnknownKeyError(ConfigError):
 def nearest_hint(name: str, allowed: Sequence[str], heading: str = "known") -> str:
     """Return a hint for a wrong name: the nearest allowed one, or all of them."""
     nearest = next(iter(get_close_matches(name, allowed, n=1, cutoff=0.5)), None)
-    return f"did you mean {nearest!r}?" if nearest else f"{heading}: {', '.join(sorted(allowed)) or 'none'}"
+    return f"did you mean {nearest!r}?" if nearest else f"{heading}: {', '.join(sorted(set(allowed))) or 'none'}"
 
 
 def board_is_gone(error: BenchError | ProtocolError) -> bool:

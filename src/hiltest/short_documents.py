@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import Any
 
 from hiltest.errors import ConfigError
@@ -16,8 +17,9 @@ _UNREMARKABLE = {"unchanged", "pass", "passed", "information", "not offered"}
 def shorten(document: dict[str, Any], most_bytes: int) -> dict[str, Any]:
     """Return a document of at most so many bytes that fits the same schema.
 
-    Long lists and tables end early, after their remarkable entries; the key ``left_out`` has the number of missing
-    entries by place, a JSON Pointer (RFC 6901) without escapes.
+    Long lists and tables end early, after their remarkable entries; a reason for which many tests were skipped stands
+    once, with their number. The key ``left_out`` has the number of missing entries by place, a JSON Pointer (RFC 6901)
+    without escapes.
 
     Raises
     ------
@@ -47,13 +49,25 @@ def _cut(value: Any, longest: int, least: int, place: str, left_out: dict[str, i
     elif isinstance(value, list):
         is_plain = not any(isinstance(item, dict | list) for item in value)
         most = max(longest, least, _SCALARS if is_plain else 0)
-        items = value if len(value) <= most else sorted(value, key=_is_unremarkable)[:most]
+        items = value if is_plain else _drop_repeated_reasons(value)
+        items = items if len(items) <= most else sorted(items, key=_is_unremarkable)[:most]
         shortened = [_cut(item, longest, _NESTED, f"{place}/{number}", left_out) for number, item in enumerate(items)]
     else:
         return value
     if len(shortened) < len(value):
         left_out[place] = len(value) - len(shortened)
     return shortened
+
+
+def _drop_repeated_reasons(rows: list[Any]) -> list[Any]:
+    """Return rows; of the tests that were skipped for one reason only the first, with the number of the others."""
+    reasons = [row.get("reason") if isinstance(row, dict) and row.get("outcome") == "skipped" else None for row in rows]
+    counts, rest = Counter(filter(None, reasons)), []
+    for row, reason in zip(rows, reasons, strict=True):
+        number = counts.pop(reason, 0) if reason else 1
+        if number:
+            rest.append(row if number == 1 else row | {"reason": f"{reason} (also of {number - 1} other tests)"})
+    return rest
 
 
 def _is_unremarkable(item: Any) -> bool:

@@ -23,13 +23,16 @@ def format_number(value: float | int | None, digits: int = 4) -> str:
     '11 061.2'
     >>> format_number(1.96875)
     '1.969'
+    >>> format_number(131.2, 2)
+    '131'
     >>> format_number(None)
     '-'
     """
     if value is None:
         return "-"
     if abs(value) < 1000:
-        return f"{value:.{digits}g}"
+        digits_text = f"{value:.{digits}g}"
+        return f"{value:.0f}" if "e+" in digits_text else digits_text
     return f"{value:,.1f}".removesuffix(".0").replace(",", " ")
 
 

@@ -62,6 +62,14 @@ def test_the_cause_of_a_failed_run_comes_with_its_next_step(folder: Path, defaul
     assert explanation["remark"] == "the run was compared with nothing; name a --baseline"
 
 
+def test_the_next_step_after_too_many_cycles_is_a_command_that_runs(folder: Path, default_run: Finished) -> None:
+    changed(folder, default_run, "dear.json", cycles_direct_total=99_000.0)
+    (step,) = explained(folder, "dear.json")["next_steps"]
+    command = step.removesuffix(".").partition("hiltest ")[2].split()
+    assert command == ["profile", "shipped", "direct"]
+    assert "magnetometer_direct()" in in_process.hiltest(*command, folder=folder).stdout
+
+
 def test_an_elf_that_was_not_run_is_refused(folder: Path) -> None:
     content = default_firmware().read_bytes()
     (folder / "other.elf").write_bytes(content + b"\0")

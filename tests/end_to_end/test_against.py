@@ -16,6 +16,8 @@ from tests.finished_run import run_module
 
 from hiltest.link.messages import PROTOCOL_VERSION
 from hiltest.run_record.reader import read_record
+from hiltest.session.gate import SessionGate
+from hiltest.session.older_firmware import OlderFirmware
 
 from .firmware_edits import NEXT_PROTOCOL, FirmwareCopy
 
@@ -185,3 +187,9 @@ def test_a_baseline_that_is_not_there_is_said_at_once_and_no_test_runs(bench: Pa
     assert not (bench / "ran").exists()
     result = hiltest(bench, "compare", "hil-out", "hil-out")
     assert result.returncode in (4, 22), "and not the verdict of the run before"
+
+
+def test_an_older_firmware_that_never_ran_because_the_newer_one_is_wrong_is_not_blamed() -> None:
+    gate = SessionGate(None, "")
+    gate.compare_with(OlderFirmware("old.elf", (), Path("record")))
+    assert gate.missing.startswith("old.elf did not run, because this run ended first")

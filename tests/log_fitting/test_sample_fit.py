@@ -210,8 +210,10 @@ def test_many_calibrators_have_a_row_each_within_80_columns() -> None:
 
 def test_an_unknown_calibrator_is_named_with_those_that_are_there(virtual_board: Board) -> None:
     cloud = _cloud(golden_points(20) / 10.0)
-    with pytest.raises(ConfigError, match=r"the firmware has no calibrator 'kalman'; it has .*direct"):
+    with pytest.raises(ConfigError, match=r"the firmware has no calibrator 'kalman'; it has .*direct") as refusal:
         fit_on_board(virtual_board, cloud, "kalman")
+    known = str(refusal.value).partition("known: ")[2].split(", ")
+    assert len(set(known)) == len(known)
     with pytest.raises(ConfigError, match="calibrator 'kalman' has no float64 reference"):
         fit_on_host(cloud, "kalman")
 

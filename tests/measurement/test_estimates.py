@@ -41,4 +41,5 @@ def test_an_interval_contains_its_value(values: list[float], share: float) -> No
 def test_too_few_instances_leave_the_upper_end_open() -> None:
     assert quantile(range(1, 101), 0.99) == Estimate(99.0, 97.0, None)
     assert quantile(range(1, 101), 0.5) == Estimate(50.0, 40.0, 61.0)
-    assert str(quantile(range(1, 101), 0.99)) == "99.00 (97.00 to ?)"
+    assert str(quantile(range(1, 101), 0.99)) == "99.00 (at least 97.00)"
+    assert str(quantile([0.32], 0.5)) == "0.32 (too few instances for an interval)"

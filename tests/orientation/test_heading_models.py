@@ -31,6 +31,8 @@ RIGHT = Poses(
 )
 SIZES = {
     "constant offset": [10.5],
+    "scale of the heading, counted from -180 to 180 degrees": [0.012],
+    "scale of the heading, counted from 0 to 360 degrees": [-0.012],
     "hard iron": [25.0, -18.0, 16.0],
     "soft iron": [0.1, -0.08, 0.06, 0.05, -0.04],
     "residual rotation": [3.0, -5.0, 4.0],
@@ -82,6 +84,34 @@ def test_every_known_bug_is_named_by_its_headings(name: str, seed: int) -> None:
     assert explanation.is_noise
     errors = answered - RIGHT.answered_deg - explanation.errors_deg
     assert np.abs((errors + 180.0) % 360.0 - 180.0).max() < 5.0 * NOISE_DEG
+
+
+@pytest.mark.parametrize("degrees", [0.55, 0.9, 1.3, 2.0, 4.0, 9.0])
+@pytest.mark.parametrize("kind", ["0 to 360", "-180 to 180", "hard iron"])
+def test_a_scale_of_the_angle_and_a_hard_iron_are_told_apart_or_both_named(kind: str, degrees: float) -> None:
+    noise = np.random.default_rng([int(10.0 * degrees), len(kind)])
+    for sign in (-1.0, 1.0):
+        if kind == "hard iron":
+            direction = noise.normal(size=3) * [1.0, 1.0, 0.3]
+            size = sign * np.radians(degrees) * 22.8 * direction / np.linalg.norm(direction)
+            (name,) = (name for name in BY_NAME if name == kind)
+        else:
+            size = np.array([sign * degrees / (360.0 if kind == "0 to 360" else 180.0)])
+            (name,) = (name for name in BY_NAME if f"from {kind} degrees" in name)
+        exact = answered_headings(RIGHT, [BY_NAME[name]], size[:, None])[0]
+        causes = explain((exact + noise.normal(0.0, 0.5 * NOISE_DEG, len(exact))) % 360.0).causes
+        assert all(any(words.startswith(name) for words in cause.names) for cause in causes), causes
+        other = "scale of the heading" if kind == "hard iron" else "hard iron"
+        is_out_of_its_limit = degrees >= 4.0 * NOISE_DEG
+        assert not is_out_of_its_limit or [other in cause.words for cause in causes] == [False]
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_hard_iron_that_is_hardly_larger_than_the_noise_is_named_beside_the_scale(seed: int) -> None:
+    exact = answered_headings(RIGHT, [BY_NAME["hard iron"]], np.array([[0.18], [0.0], [0.0]]))[0]
+    noise = np.random.default_rng(seed).normal(0.0, 0.5 * NOISE_DEG, len(exact))
+    (cause,) = explain((exact + noise) % 360.0).causes
+    assert {name.partition(" (")[0].partition(",")[0] for name in cause.names} >= {"hard iron", "scale of the heading"}
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -78,6 +78,7 @@ def test_cycles_have_a_table_of_their_own_and_host_times_stay_in_seconds(pyteste
     header, row = found["benchmark: 1 tests"]
     assert header.startswith(("Name (time in ns)", "Name (time in us)"))
     assert row.startswith("test_host ")
+    assert not (pytester.path / ".benchmarks").exists(), "nothing was saved"
 
 
 def test_the_json_holds_cycles_their_model_the_firmware_and_the_board(pytester: pytest.Pytester) -> None:

@@ -67,6 +67,15 @@ def test_without_a_baseline_accuracy_and_cost_are_open(run: Run) -> None:
     assert "Against the baseline" not in page
 
 
+def test_a_note_stands_beside_the_place_of_the_measurement(run: Run) -> None:
+    noted = replace(run.measurements[0], note="of 36 poses")
+    page = markdown_report(replace(run, measurements=(noted,)))
+    (row,) = (line for line in page.splitlines() if line.startswith("|") and "of 36 poses" in line)
+    *_, outcome, place, _ = (cell.strip() for cell in row.split("|"))
+    assert "of 36 poses" not in outcome
+    assert place.endswith("of 36 poses")
+
+
 def test_a_gate_that_was_not_evaluated_says_why(run: Run) -> None:
     page = unfolded(markdown_report(replace(run, comparison=comparison(obstacles=("another rig: <b>; save anew",)))))
     assert "- not evaluated: another rig: \\<b\\>; save anew" in page

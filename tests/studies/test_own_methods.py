@@ -18,6 +18,7 @@ from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Table
 from hiltest.studies import NAMES
 from hiltest.studies.board_calibrators import board_calibrators
+from hiltest.studies.estimators import draw
 from hiltest.studies.instances import Model, draw_instances
 
 #: Studies that compare cycles or precisions of firmware, and have no use for a method without both.
@@ -40,6 +41,39 @@ def test_a_package_s_function_or_class_is_a_calibrator_whose_corrected_points_ha
     expected = fit_sphere(points).hard_iron if centre else (points.min(axis=0) + points.max(axis=0)) / 2.0
     assert fit.hard_iron == pytest.approx(expected, rel=1e-6)
     assert np.linalg.norm(fit.corrected(points), axis=1).mean() == pytest.approx(1.0)
+
+
+def test_numbers_that_are_not_finite_are_not_blamed_on_the_points_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
+    assert run("fit", str(tmp_path / "points.csv"), "--calibrator", "endless", "--on", "host") == 1
+    assert "numbers that are not finite" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_name_that_hiltest_and_a_package_have_is_refused_if_it_is_requested(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
+    requests = ("fit", str(tmp_path / "points.csv")), ("study", "estimators", "--out", str(tmp_path / "out"))
+    for words in requests:
+        assert run(*words, "--calibrator", "direct") == 4
+        assert "direct: hiltest and an installed package (spin_sphere:never) have one" in capsys.readouterr().err
+    assert reference("direct")(counts()).status is FitStatus.ELLIPSOID
+
+
+def test_the_study_of_estimators_names_draws_and_measures_what_was_requested(tmp_path: Path) -> None:
+    words = ("study", "estimators", "--instances", "2", "--jobs", "1", "--out", str(tmp_path))
+    assert run(*words, "--calibrator", "never", "--calibrator", "merayo") == 0
+    record = read_record(tmp_path).run
+    assert "never " in record.verdict.sentence
+    assert "refuses 100 % of the instances" in record.verdict.sentence
+    assert "study.estimators.never.median" in {measurement.name for measurement in record.measurements}
+    names = {"never", "merayo", record.verdict.sentence.partition(" points, ")[2].split()[0]}
+    (table,) = (table for table in record.tables if table.name == "study.estimators")
+    drawn = draw(record, table)
+    assert names <= {entry.text for entry in drawn.key}
+    assert len({(entry.line, entry.mark) for entry in drawn.key}) == len(drawn.key) > 8
 
 
 def test_a_refusal_is_no_fit() -> None:

@@ -264,7 +264,8 @@ _NO_ELLIPSOID = {
     FitStatus.NOT_AN_ELLIPSOID: "the best surface is not an ellipsoid",
     FitStatus.POOR_COVERAGE: "the calibrator rejected the points as too unevenly spread for an ellipsoid",
     FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points, a ridge 10, a sphere or ellipse 6, a circle 4",
-    FitStatus.SINGULAR: "the points lie in a plane, on a line or in one place",
+    FitStatus.SINGULAR: "no finite solution: the points lie in a plane, on a line or in one place, or the calibrator "
+    "returned numbers that are not finite, or a matrix without an inverse",
     FitStatus.NOT_CONVERGED: "the calibrator's iteration did not end",
     FitStatus.HORIZONTAL_FIELD: "the dip of the field is too small to find its direction from gravity",
     FitStatus.MIRRORED: "only a reflection fits; an axis, or the sign of gravity, is wrong",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -68,6 +68,21 @@ class OwnCalibrator:
             return no_fit(FitStatus.SINGULAR)
         return MagnetometerFit(
             FitStatus.ELLIPSOID, False, 0, soft_iron / length / _COUNTS_PER_UT, hard_iron * _COUNTS_PER_UT
+        )
+
+
+def check_own_name(name: str, taken: Collection[str]) -> None:
+    """Refuse a requested name that one of hiltest's calibrators and one of a package have.
+
+    Raises
+    ------
+    ConfigError
+        If both have it.
+    """
+    if name in taken and (origin := next((point.value for point in entry_points(group=GROUP, name=name)), "")):
+        raise ConfigError(
+            f"calibrator {name}: hiltest and an installed package ({origin}) have one; give the package's entry point "
+            "another name"
         )
 
 

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 
 from hiltest.boards import default_firmware
 from hiltest.budgets import ELF
@@ -14,6 +15,7 @@ from hiltest.json_files import read_bounded
 from hiltest.measurement import Measurement, identify
 from hiltest.run_record.comparison import Change, Comparison, Difference
 from hiltest.run_record.reader import read_record
+from hiltest.run_record.run import Run
 from hiltest.studies.board_calibrators import BoardCalibrators
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence
@@ -84,7 +86,7 @@ def explain(run: Path, baseline: Path | None, firmware: Path | None, against: Pa
     return Explanation(
         comparison.sentence if comparison and baseline else record.verdict.sentence,
         summary.causes,
-        summary.advice,
+        tuple(step.replace(" ELF ", f" {_named_elf(record, firmware)} ") for step in summary.advice),
         tuple(failure.measurement for failure in summary.failures),
         tuple(changes),
         functions,
@@ -118,6 +120,14 @@ def _compare_lines(names: Sequence[str], base: BoardCalibrators, new: BoardCalib
         before, after = base.profile(name), new.profile(name)
         if lines := tuple(line_changes(before.lines, after.lines)):
             yield ChangedFunction(name, after.function, after.cycles, before.cycles, after.cycle_model, lines)
+
+
+def _named_elf(record: Run, firmware: Path | None) -> str:
+    """Return the ELF of a run as an argument of `hiltest profile`; ``ELF`` if only the user knows its file."""
+    ran = record.board.firmware_sha256 if record.board else None
+    if firmware is not None:
+        return quote(str(firmware))
+    return "shipped" if ran == hashlib.sha256(default_firmware().read_bytes()).hexdigest() else "ELF"
 
 
 def _elf_of(option: str, file: Path | None, sha256: str) -> Path | None:

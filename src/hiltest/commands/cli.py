@@ -41,6 +41,8 @@ _OLD_COMMANDS = {
     "trend": "report trend",
     "worst": "profile worst",
 }
+_MEANT_COMMANDS = {"check": "run", "ci": "start", "setup": "start", "test": "run", "verify": "run"}
+"""Command that a word of another tool means: it is suggested, and not run."""
 _SHORT_COMMANDS = {"bench": ["run", "--page"]}
 _OLD_OPTIONS = {"--hil-port": "--port", "--for": "--seconds", "--pty": ""}
 """New spelling of each option that had another one; empty for an option that is no longer needed."""
@@ -61,7 +63,9 @@ class _Commands(click.Group):
             name = " ".join(words[:count])
             if name in _COMMANDS:
                 return name, self.get_command(context, name), words[count:]
-        nearest = get_close_matches(" ".join(words[:2]), _COMMANDS, 1) or get_close_matches(words[0], _COMMANDS, 1)
+        meant = [_MEANT_COMMANDS[words[0]]] if words[0] in _MEANT_COMMANDS else []
+        nearest = meant or get_close_matches(" ".join(words[:2]), _COMMANDS, 1)
+        nearest = nearest or get_close_matches(words[0], _COMMANDS, 1)
         context.fail(f"No such command {words[0]!r}." + "".join(f" Did you mean {name!r}?" for name in nearest))
 
     def list_commands(self, _context: click.Context) -> list[str]:

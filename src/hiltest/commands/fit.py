@@ -290,8 +290,10 @@ def _fit(
 
         return fit_by_shape(samples, Shape(shape), robust=robust, field_ut=field_ut)
     any_shape = shape == "auto"
-    from hiltest.calibration.own import own_calibrator
+    from hiltest.calibration import REFERENCES
+    from hiltest.calibration.own import check_own_name, own_calibrator
 
+    check_own_name(calibrator, REFERENCES)
     if on == "host" or (firmware is None and own_calibrator(calibrator) is not None):
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")

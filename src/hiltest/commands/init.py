@@ -56,8 +56,8 @@ def init(folder: Path, firmware: str | None, sensor: str | None) -> tuple[int, C
     The files go to DIR/hil. The baseline has the numbers of the packaged firmware on the default rig.
 
     With --firmware, the command also writes a rig with the name of DIR. It searches the ELF for lines, packets and
-    variables with a heading, a field or a calibration, and for functions to count. At a terminal it asks which ones to
-    use; otherwise the rig has all of them, uncertain ones as comments. If the ELF is for another chip than the virtual
+    variables with a heading, a field or a calibration, and for functions to count. Uncertain ones are comments in the
+    rig; at a terminal the command asks for the heading. If the ELF is for another chip than the virtual
     board's, the rig is for a real board.
 
     With --sensor, the command writes a module, its register table, a test that passes, and a pyproject.toml with the

@@ -36,6 +36,14 @@ _LEFT_OUT = {
     "judge": {"init"},
     "fit": {"export_json", "export_header", "export_ardupilot", "force", "html"},
 }
+_TERMINAL_HELP = " ELF is the same as"  # begin of the help on arguments that no tool has
+_INSTRUCTIONS = """hiltest measures compass firmware on a virtual board: heading errors and cycles.
+run measures the build in its parameter firmware, judges it, and writes the record to the folder {out}/OUT.
+explain names the cause of that record's verdict, and the source lines that cost more than in its base.
+compare lists the changes between two records, and profile the cycles of one function by source line.
+judge measures a calibrator or filter from a file, and fit evaluates a recorded log.
+Firmware with its own output needs a rig, which hiltest start proposes at a terminal.
+Names of files and folders are relative to {folder}."""
 ANSWER_BYTES = 16 * 1024  # some six thousand tokens; common agents refuse answers of more than 25 000
 _JSON = "as_json"
 _AT_ONCE = 2
@@ -96,7 +104,14 @@ class _Tools:
         from hiltest import __version__
 
         self._limiter = anyio.CapacityLimiter(_AT_ONCE)
-        server = Server("hiltest", version=__version__, on_list_tools=self._list, on_call_tool=self._call)
+        instructions = _INSTRUCTIONS.format(out=self._named(self._out), folder=Path.cwd())
+        server = Server(
+            "hiltest",
+            version=__version__,
+            instructions=instructions,
+            on_list_tools=self._list,
+            on_call_tool=self._call,
+        )
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._end)
         async with stdio_server() as (messages, answers):
@@ -123,10 +138,12 @@ class _Tools:
         schemas = re.findall(r"hiltest\.[a-z-]+/\d+", helps[0])
         properties = {key: _schema(parameter) for key, parameter in parameters.items()}
         if writes := "out" in parameters:
-            properties["out"]["description"] = f"Write to this folder, which is below {self._out}."
+            out = self._named(self._out)
+            properties["out"]["description"] = f"Write to the folder {out}/OUT, which other tools read by that name."
+        description = inspect.cleandoc(command.help or "").partition(_TERMINAL_HELP)[0]
         return Tool(
             name=name,
-            description=f"{inspect.cleandoc(command.help or '')}\n\nFile names are relative to {Path.cwd()}.",
+            description=f"{description}\n\nFile names are relative to {Path.cwd()}.",
             input_schema={
                 "type": "object",
                 "properties": properties,
@@ -136,6 +153,12 @@ class _Tools:
             output_schema={"type": "object", "properties": {"schema": {"enum": schemas}}, "required": ["schema"]},
             annotations=ToolAnnotations(read_only_hint=not writes, open_world_hint=False),
         )
+
+    @staticmethod
+    def _named(folder: Path) -> str:
+        """Return the name by which a tool reads a folder."""
+        here = Path.cwd()
+        return str(folder.relative_to(here) if folder.is_relative_to(here) else folder)
 
     def _parameters(self, name: str) -> dict[str, click.Parameter]:
         left_out = _LEFT_OUT.get(name, set()) | {_JSON}
@@ -156,6 +179,8 @@ class _Tools:
             return CallToolResult(content=[TextContent(text=str(error))], is_error=True)
         is_error = document["schema"].startswith("hiltest.error/")
         text = document["message"] if is_error else compact(document)
+        if call.name == "compare" and not is_error and not Path(str((call.arguments or {})["base"])).exists():
+            is_error, text = True, next((item["obstacles"][0] for item in document["comparisons"]), text)
         return CallToolResult(content=[TextContent(text=text)], structured_content=document, is_error=is_error)
 
     def _command_line(self, name: str, arguments: Mapping[str, Any]) -> list[str]:

@@ -121,11 +121,13 @@ def profile(
     """Count the cycles of a function, by function and source line.
 
     ELF is any program for a Cortex-M4, M0 or M0+, or for the core of --part; "shipped" is the packaged firmware.
+    FUNCTION may be a calibrator of hiltest's firmware, such as direct, which is called with 100 points.
     hiltest profile worst searches for the arguments that take the most cycles.
     """
     from hiltest.boards import default_firmware
     from hiltest.json_files import json_text
     from hiltest.run_record.files import write_asked_for
+    from hiltest.studies.board_calibrators import BoardCalibrators
     from hiltest.virtual.profiling import document as documents
     from hiltest.virtual.profiling.arguments import parse_argument
 
@@ -134,7 +136,12 @@ def profile(
     values = deepcopy(inputs)
     image = _image(path, **counted)
     image.report_waits(lambda line: click.echo(line, err=True))
-    called = image.call(function, *values, timeout_s=timeout_s)
+    has_table = "calibrators" in image.board.image.symbols and function not in image.board.image.symbols
+    calibrators = BoardCalibrators(path) if has_table and not (arguments or any(counted.values())) else None
+    if calibrators and function in calibrators.names:
+        called = calibrators.profile(function)
+    else:
+        called = image.call(function, *values, timeout_s=timeout_s)
     document = documents.document(called, path, arguments, inputs, values, memory=image.memory, part=image.part)
     if folded is not None:
         write_asked_for(folded, documents.folded(document))

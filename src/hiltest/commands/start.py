@@ -38,6 +38,9 @@ _BUILDS = {
     "Makefile": ("make", _APT),
 }
 _MOST_ELFS = 9
+_ACTION = re.compile(r"[\w.-]+/[\w.-]+@[\w./-]+( # .*)?")
+_ACTION_FORM = f"OWNER/NAME@REF, such as OWNER/hiltest@v{__version__}"
+_ADD_BUILD = "Add a step that builds it, or remove the workflow and repeat with --build COMMAND."
 _TEXT = """name: hiltest
 
 on:
@@ -108,26 +111,42 @@ def start(elf: str | None, build: str | None, action: str | None) -> tuple[int, 
     the rig.
     """
     folder = Path.cwd()
+    if action is not None and not _ACTION.fullmatch(action):
+        raise ConfigError(f"--action {action} is not {_ACTION_FORM}")
     firmware = _below(folder, Path(elf) if elf else _chosen_elf(folder))
     rig, runs = _write_rig(folder, firmware)
     if not runs:
         click.echo(f"Run it on its own board: hiltest run --rig {rig} --port PORT. No workflow was written.")
         return 0, Started(str(firmware), str(rig), None, None, None)
+    baseline = Path("hil", "baselines", f"{legible_name(firmware.stem)}.json")
+    command, workflow = None, ""
+    if _WORKFLOW.exists():
+        click.echo(f"{_WORKFLOW} exists and stays as it is; without it, --build and --action make a new one.")
+    else:
+        command = _build_command(folder, firmware, build)
+        workflow = _workflow_text(folder, firmware, rig, baseline, command, action)
     _ignore_record(folder)
     options = ["--rig", str(rig)] if rig else []
     code = _hiltest("run", "--firmware", str(firmware), *options)
     if code not in (0, 1):
         if rig:
-            click.echo(f"Correct {rig} and repeat hiltest start; docs/rigs.md explains each key.")
+            click.echo(f"Correct {rig} and repeat hiltest start; hiltest listen --rig {rig} shows what it understands.")
         return code, Started(str(firmware), str(rig) if rig else None, None, None, code)
-    baseline = Path("hil", "baselines", f"{legible_name(firmware.stem)}.json")
     if not baseline.exists():
         baseline.parent.mkdir(parents=True, exist_ok=True)
         if saved := _hiltest("baseline", "save", DEFAULT_OUT, str(baseline)):
             raise ConfigError(f"the run cannot be a baseline (exit code {saved}); correct its cause and repeat")
-    if not _WORKFLOW.exists():
-        _write(_WORKFLOW, _workflow_text(folder, firmware, rig, baseline, build, action))
-    _show_files([path for path in (rig, baseline, _WORKFLOW, Path(".gitignore")) if path])
+    if workflow:
+        _write(_WORKFLOW, workflow)
+    committed = [rig, baseline, _WORKFLOW, Path(".gitignore")]
+    if command == "":
+        if _is_ignored(folder, firmware):
+            click.echo(
+                f"The workflow cannot find {firmware}: git ignores it, and {_WORKFLOW} does not build it. {_ADD_BUILD}"
+            )
+        else:
+            committed.insert(0, firmware)
+    _show_files([path for path in committed if path])
     _open_report(folder / DEFAULT_OUT / "report.html")
     return code, Started(str(firmware), str(rig) if rig else None, str(baseline), str(_WORKFLOW), code)
 
@@ -173,23 +192,27 @@ def _write_rig(folder: Path, firmware: Path) -> tuple[Path | None, bool]:
     return rig, load_rig(rig).board.kind == "virtual"
 
 
+def _build_command(folder: Path, firmware: Path, build: str | None) -> str:
+    """Return the command that builds the firmware in a workflow; empty without one."""
+    command = next((_BUILDS[name][0] for name in _BUILDS if (folder / name).exists()), "")
+    if build is not None or not is_dialogue():
+        return command if build is None else build
+    default = command or ("added to the workflow later" if _is_ignored(folder, firmware) else "none, it is committed")
+    return ask(f"Which command builds {firmware} in a clean checkout? Enter: {default}\n> ").strip() or command
+
+
 def _workflow_text(
-    folder: Path, firmware: Path, rig: Path | None, baseline: Path, build: str | None, action: str | None
+    folder: Path, firmware: Path, rig: Path | None, baseline: Path, command: str, action: str | None
 ) -> str:
-    command, install = next((_BUILDS[name] for name in _BUILDS if (folder / name).exists()), ("", _APT))
-    if build is not None:
-        command = build
-    elif is_dialogue():
-        asked = f"Which command builds {firmware} in a clean checkout? Enter: {command or 'none, it is committed'}\n> "
-        command = ask(asked).strip() or command
+    install = next((_BUILDS[name][1] for name in _BUILDS if (folder / name).exists()), _APT)
     action = action or _own_action()
     if action is None and is_dialogue():
-        action = ask("Which repository has hiltest, as OWNER/NAME@TAG? Enter: fill it in later\n> ").strip()
+        question = "Which repository has hiltest, as OWNER/NAME@TAG? Enter: fill it in later\n> "
+        while (action := ask(question).strip()) and not _ACTION.fullmatch(action):
+            click.echo(f"{action} is not {_ACTION_FORM}.")
     if not action:
         action = f"OWNER/hiltest@v{__version__}"
         click.echo(f"Replace OWNER in {_WORKFLOW} by the owner of hiltest's repository.")
-    if not re.fullmatch(r"[\w.-]+/[\w.-]+@[\w./-]+( # .*)?", action):
-        raise ConfigError(f"{action} is not OWNER/NAME@REF, such as OWNER/hiltest@v{__version__}")
     commands = "\n".join(f"          {line}" for line in command.splitlines())
     return _TEXT.format(
         branch=_quoted(_branch(folder)),
@@ -210,10 +233,20 @@ def _own_action() -> str | None:
 
 
 def _branch(folder: Path) -> str:
-    done = subprocess.run(
-        ["git", "symbolic-ref", "--short", "HEAD"], cwd=folder, capture_output=True, text=True, check=False, timeout=60
-    )
-    return done.stdout.strip() or "main"
+    return _git(folder, "symbolic-ref", "--short", "HEAD").stdout.strip() or "main"
+
+
+def _is_ignored(folder: Path, file: Path) -> bool:
+    return _git(folder, "check-ignore", "--quiet", "--", str(file)).returncode == 0
+
+
+def _git(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Return the answer of git, which fails if it is not installed."""
+    command = ["git", *words]
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=60)
+    except OSError:
+        return subprocess.CompletedProcess(command, 127, "", "")
 
 
 def _ignore_record(folder: Path) -> None:

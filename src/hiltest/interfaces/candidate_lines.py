@@ -88,4 +88,5 @@ def _candidate(meaning: Meaning, match: re.Match[str], form: str, text: str) -> 
     label, between = match["label"], match["between"].strip()
     begin = rf"\b{re.escape(label)}" if label[0].isalpha() else re.escape(label)
     pattern = rf"{begin}{re.escape(between)}\s*(?P<{meaning.quantity.key}>{form})".replace(r"\ ", " ")
-    return Candidate(meaning, pattern, f"in {text.strip()!r}")
+    example = f"{label}{match['between'].rstrip() or ' '}123.4"
+    return Candidate(meaning, pattern, f"in {text.strip()!r}", example)

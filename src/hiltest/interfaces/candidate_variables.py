@@ -66,7 +66,7 @@ def _value_candidates(path: str, kind: CType) -> Iterator[Candidate]:
         names = re.findall(r"[A-Za-z_$][\w$]*", path)
         is_whole = all(number.kind is not NumberKind.FLOAT for number in numbers)
         if (meaning := meaning_of(names, len(numbers), is_whole=is_whole)) is not None:
-            yield Candidate(meaning, path, kind.text)
+            yield Candidate(meaning, path, kind.text, path)
 
 
 def _numbers(kind: CType) -> list[NumberType]:
@@ -90,4 +90,4 @@ def _symbol_candidates(image: FirmwareImage) -> Iterator[Candidate]:
         stated, size = _BY_SIZE.get(symbol.size, ("", 0))
         is_in_c = stated and symbol.address in _RAM and symbol.name and _NAME.fullmatch(symbol.name)
         if is_in_c and (meaning := meaning_of([symbol.name], size)) is not None:
-            yield Candidate(meaning, symbol.name, f"{symbol.size} bytes, {stated} perhaps", stated)
+            yield Candidate(meaning, symbol.name, f"{symbol.size} bytes, {stated} perhaps", symbol.name, stated)

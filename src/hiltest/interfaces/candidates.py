@@ -62,6 +62,8 @@ class Candidate:
     """Path of a variable, or regular expression of a line."""
     reason: str
     """Name or label that it was recognised by."""
+    example: str
+    """Path of a variable, or a line with one number: ``HDG=123.4``."""
     stated_type: str = ""
     """Type, guessed from the size without debug information; otherwise empty."""
 

@@ -32,6 +32,7 @@ _NO_WORK = re.compile(
 )
 _MOST_SHOWN = 6  # candidates of a quantity, which fit on a screen
 _MOST_COUNTED = 8
+_CALIBRATION = (Quantity.HARD_IRON, Quantity.INVERSE_SOFT_IRON)
 _NOTE_COLUMN, _LONGEST_NOTE = 50, 120
 _WORLD = ("field", "mounting", "turntable", "sensors", "procedure", "world")
 
@@ -233,20 +234,45 @@ def _device(proposals: Proposals, kind: InterfaceKind | None, choose: Choose | N
     return [used, *others]
 
 
-def _used_candidate(candidates: Sequence[Candidate], choose: Choose | None) -> Candidate | None:
-    """Return the candidate that the rig uses, with its unit; None if all stay comments."""
-    first = candidates[0]
-    quantity, is_clear = first.meaning.quantity, first.meaning.is_sure and not first.stated_type
-    if choose is None or (is_clear and len(candidates) == 1 and not first.needs_unit):
-        is_clear = is_clear and quantity is not Quantity.INVERSE_SOFT_IRON  # because it may be the soft iron itself
-        return _set_unit(first) if is_clear and (not first.needs_unit or quantity in ANGLES) else None
-    options = [f"{candidate.written}  ({candidate.reason})" for candidate in candidates]
-    number = choose(f"{quantity.key} is", [*options, "none of these"])
-    if number == len(candidates) or not candidates[number].needs_unit:
-        return candidates[number] if number < len(candidates) else None
-    candidate, units = candidates[number], unit_words(quantity.unit)
-    number = choose(f"unit of {candidate.written}", [*units, "unknown, or counts"])
-    return _set_unit(candidate, units[number]) if number < len(units) else None
+def _used_candidates(candidates: Candidates, choose: Choose | None) -> dict[Quantity, Candidate]:
+    """Return the candidates that the rig uses, with their units: the sure ones, and the heading that the user chose.
+
+    Angles without a unit have the heading's. A hard iron and its matrix are used together: either alone would be half
+    a calibration.
+    """
+    sure = {quantity: several[0] for quantity, several in candidates.items() if _is_clear(several[0])}
+    if choose is not None and Quantity.HEADING in candidates:
+        sure.pop(Quantity.HEADING, None)
+        if (heading := _chosen_heading(candidates[Quantity.HEADING][:_MOST_SHOWN], choose)) is not None:
+            sure[Quantity.HEADING] = heading
+    angle = sure[Quantity.HEADING].meaning.unit if Quantity.HEADING in sure else ""
+    used = {
+        quantity: _set_unit(candidate, angle if candidate.needs_unit else "")
+        for quantity, candidate in sure.items()
+        if quantity in ANGLES or not candidate.needs_unit
+    }
+    if any(quantity in candidates and quantity not in used for quantity in _CALIBRATION):
+        used = {quantity: candidate for quantity, candidate in used.items() if quantity not in _CALIBRATION}
+    return used
+
+
+def _is_clear(candidate: Candidate) -> bool:
+    """Return whether names and types leave no doubt; a soft iron may be the matrix or its inverse."""
+    is_named = candidate.meaning.quantity is not Quantity.INVERSE_SOFT_IRON or "inv" in candidate.example.lower()
+    return candidate.meaning.is_sure and not candidate.stated_type and is_named
+
+
+def _chosen_heading(candidates: Sequence[Candidate], choose: Choose) -> Candidate | None:
+    """Return the heading with its unit; the user is asked for those that the ELF leaves open."""
+    number = 0
+    if len(candidates) > 1 or not _is_clear(candidates[0]):
+        options = [f"{candidate.example}  ({candidate.reason})" for candidate in candidates]
+        number = choose("Which one is the heading?", [*options, "none of these"])
+    if number == len(candidates):
+        return None
+    heading = candidates[number]
+    units = [unit for unit in unit_words(Quantity.HEADING.unit) if unit != "degrees"] if heading.needs_unit else []
+    return _set_unit(heading, units[choose(f"Unit of the heading in {heading.example}", units)] if units else "")
 
 
 def _set_unit(candidate: Candidate, unit: str = "") -> Candidate:
@@ -257,14 +283,14 @@ def _set_unit(candidate: Candidate, unit: str = "") -> Candidate:
 
 def _entries(candidates: Candidates, choose: Choose | None) -> Iterator[tuple[Candidate, str, str]]:
     """Yield candidates, each with its comment sign and a note."""
+    used = _used_candidates(candidates, choose)
     for quantity, several in candidates.items():
-        used = _used_candidate(several[:_MOST_SHOWN], choose)
         for candidate in several[:_MOST_SHOWN]:
-            is_used = used is not None and candidate.written == used.written
-            doubt = "or its inverse?" if quantity is Quantity.INVERSE_SOFT_IRON else ""
-            if candidate.needs_unit and not (is_used and choose is not None):
-                doubt = f"{quantity.unit}? not stated"
-            entry = used if is_used and used is not None else _set_unit(candidate)
+            is_used = quantity in used and candidate.written == used[quantity].written
+            doubt = "" if quantity is not Quantity.INVERSE_SOFT_IRON or _is_clear(candidate) else "or its inverse?"
+            entry = used[quantity] if is_used else _set_unit(candidate)
+            if candidate.needs_unit and not (is_used and choose is not None and quantity is Quantity.HEADING):
+                doubt = f"{entry.meaning.unit}? not stated"
             yield entry, "" if is_used else "# ", "; ".join(filter(None, (candidate.reason, doubt)))
 
 

@@ -167,8 +167,8 @@ class Session:
             if is_text(heard):
                 raise VersionMismatchError(
                     f"nothing on {self._port.name} answers in hiltest's protocol, but it sends text: "
-                    f"{_whole_line(heard)!r}. Firmware with another protocol needs a [device] table in the rig: "
-                    "docs/text-compass.md"
+                    f"{_whole_line(heard)!r}. Firmware with its own output needs a rig, which hiltest start ELF "
+                    "proposes"
                 )
             wrong_speed = getattr(self._port, "wrong_speed", "")
             raise SyncError(self._port.name, heard, self._attempts_allowed, wrong_speed)

@@ -24,8 +24,11 @@ class Estimate:
 
     @property
     def interval(self) -> str:
-        """The interval in words; a missing end is a question mark."""
-        return " to ".join("?" if end is None else hundredths(end) for end in (self.low, self.high))
+        """The interval in words; too few instances leave an end open."""
+        low, high = ("" if end is None else hundredths(end) for end in (self.low, self.high))
+        if low and high:
+            return f"{low} to {high}"
+        return f"at least {low}" if low else f"at most {high}" if high else "too few instances for an interval"
 
     def __str__(self) -> str:
         return f"{hundredths(self.value)} ({self.interval})"

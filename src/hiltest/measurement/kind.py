@@ -185,7 +185,9 @@ class NamedKind:
     @property
     def next_step(self) -> str:
         """Next step if it is out of its limit and no cause is known."""
-        return (self.kind.next_step if self.kind else "") or NEXT_STEP[self.section]
+        step = (self.kind.next_step if self.kind else "") or NEXT_STEP[self.section]
+        is_called = bool(self.subject) and self.kind is not None and self.kind.name.startswith("cycles.{")
+        return step.replace("FUNCTION", self.subject) if is_called else step
 
     @property
     def decided_by(self) -> str:

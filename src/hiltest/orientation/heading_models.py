@@ -261,7 +261,11 @@ def _explanation(poses: Poses, best: _Fit, fits: Sequence[_Fit]) -> Explanation:
     for index, (model, parameters) in enumerate(best.model_parameters()):
         others = best.models[:index] + best.models[index + 1 :]
         alike = [
-            fit for fit in fits if fit is not best and set(others) < set(fit.models) and _are_same(poses, fit, best)
+            fit
+            for fit in fits
+            if fit is not best
+            and set(others) < set(fit.models)
+            and (_are_same(poses, fit, best) or _are_as_likely(poses, fit, best))
         ]
         rows = [(model, parameters)]
         for fit in sorted(alike, key=lambda fit: fit.criterion):
@@ -296,6 +300,12 @@ def _are_same(poses: Poses, one: _Fit, other: _Fit) -> bool:
     """Return whether two sets of as many models and parameters have equal answers."""
     is_as_large = (len(one.models), one.fitted) == (len(other.models), other.fitted)
     return is_as_large and float(np.abs(_wrap(one.answers_deg - other.answers_deg)).max()) <= _SAME * poses.noise_deg
+
+
+def _are_as_likely(poses: Poses, one: _Fit, other: _Fit) -> bool:
+    """Return whether two sets of as many models explain the headings to noise, neither better by `LEAST_GAIN`."""
+    is_near = len(one.models) == len(other.models) and abs(one.criterion - other.criterion) < LEAST_GAIN
+    return is_near and _is_noise(poses, one) and _is_noise(poses, other)
 
 
 _EXCEPTIONS = {
@@ -568,6 +578,10 @@ def _convert(heading_deg: Array, parameters: Array, *, factor: float = 1.0, zero
     return np.asarray(zero + factor * (heading_deg % 360.0))
 
 
+def _scale_from(heading_deg: Array, parameters: Array, *, start: float) -> Array:
+    return np.asarray(((heading_deg - start) % 360.0 + start) * (1.0 + parameters[0]))
+
+
 # Sequences.
 
 
@@ -621,6 +635,7 @@ _TILT = "pitch and roll from gravity, and the formula that turns the field back 
 _ATAN2 = "order and signs of the arguments of atan2, or frame and heading under [device] in the rig"
 _OFFSET = "the mounting yaw in the rig, a declination and its sign, and the firmware's axes"
 _OUTPUT = "the step from the heading to the answer: unit, type and rounding"
+_SCALE = "the factor from radians or counts to degrees, such as 180 / pi or 360 / 65536"
 _IRON = "the line that applies the calibration: (read - hard iron), once, multiplied by the soft iron from the left"
 _UNSIGNED = "type of the accelerometer's counts: two's complement, int16_t"
 _FILTER = "the filter's coefficient, and its time between two poses"
@@ -703,6 +718,17 @@ MODELS: tuple[Model, ...] = (
         lambda heading, offset: heading % 360.0 + offset[0],
         "{:+.2f} deg",
         ((-180.0, 180.0),),
+    ),
+    *(
+        Model(
+            f"scale of the heading, counted from {start:g} to {start + 360.0:g} degrees",
+            Stage.HEADING,
+            _SCALE,
+            partial(_scale_from, start=start),
+            "{:+.1%}",
+            ((-0.2, 0.2),),
+        )
+        for start in (-180.0, 0.0)
     ),
     *(Model(name, Stage.HEADING, place, change) for name, (place, change) in _HEADINGS.items()),
     *(Model(name, Stage.FORMULA, _TILT, change) for name, change in _FORMULAS.items()),

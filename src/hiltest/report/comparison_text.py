@@ -55,7 +55,7 @@ def print_changes(console: Console, comparison: Comparison, *, at_most: int | No
     if comparison.remark:
         say(console, comparison.remark, "yellow")
     if len(comparison.obstacles) > 1:
-        say(console, "reasons reasons why it is not evaluated", "bold red")
+        say(console, f"{len(comparison.obstacles)} reasons why it is not evaluated", "bold red")
         _entries(console, comparison.obstacles)
     for change, differences in shown(comparison):
         say(console, f"{change} ({len(differences)})", _STYLES.get(change, "bold"))

@@ -139,12 +139,12 @@ def _measurements(run: Run) -> Iterator[str]:
             shown_value(row),
             row.unit,
             ", change ".join(filter(None, (shown_limit(row), shown_seen(row, detectable)))),
-            shown_outcome(row) + (f": {row.note}" if row.note else ""),
-            overview.origin(row),
+            shown_outcome(row),
+            "; ".join(filter(None, (overview.origin(row), row.note))),
         ]
         for row in run.measurements
     )
-    yield from table(["measurement", "value", "unit", "limit", "outcome", "where from"], rows)
+    yield from table(["measurement", "value", "unit", "limit", "outcome", "where from, and notes"], rows)
     yield from ("", plain_text(f"Change: {CHANGE_SEEN}."))
 
 

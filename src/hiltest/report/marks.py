@@ -30,12 +30,15 @@ class Mark(StrEnum):
         return shape(template, style, x, y, radius, self.value)
 
 
-# Styles of successive series: a class of the style sheet with a colour and dashes, and a shape.
-SERIES = tuple((f"series-{index}", mark) for index, mark in enumerate(Mark))
+# Styles of successive series: a class of the style sheet with a colour and dashes, and a shape. After the last class
+# each one has its neighbour's shape, so that no pair occurs twice.
+SERIES = tuple(
+    (f"series-{index}", [*Mark][(index + turn) % len(Mark)]) for turn in range(len(Mark)) for index in range(len(Mark))
+)
 
 
 def series(index: int) -> tuple[str, Mark]:
-    """Return class and shape of a series; they repeat after the eighth."""
+    """Return class and shape of a series; they repeat after the sixty-fourth."""
     return SERIES[index % len(SERIES)]
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import cycle as endlessly
 from typing import TYPE_CHECKING, Any
@@ -188,6 +189,14 @@ def pytest_benchmark_scale_unit(
 ) -> tuple[str, float] | None:
     """Show tables of device cycles in cycles; tables of seconds stay."""
     return scale_cycles(unit, benchmarks, best, config.getoption("benchmark_time_unit", None))
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Remove the folder that pytest-benchmark makes for records, if none was saved."""
+    folder = getattr(getattr(getattr(config, "_benchmarksession", None), "storage", None), "path", None)
+    if folder is not None:
+        with suppress(OSError):  # it has records
+            folder.rmdir()
 
 
 # A wrapper, so that cycles of different models stay separate under any grouping.

@@ -109,7 +109,8 @@ class SessionGate:
     def compare_with(self, older: OlderFirmware) -> None:
         """Make an older firmware the base, which `run_older` will run."""
         self._older = older
-        self._gate = Gate(str(older.folder), None, f"{older.elf} did not finish; run it again")
+        reason = f"{older.elf} did not run, because this run ended first; correct its fault and repeat"
+        self._gate = Gate(str(older.folder), None, reason)
 
     def read(self) -> None:
         """Read the base before this run overwrites the folder, which may contain it."""
@@ -124,6 +125,7 @@ class SessionGate:
     def run_older(self, say: Callable[[str], None]) -> None:
         """Run the older firmware, if that is the base."""
         if self._older is not None:
+            self._gate = Gate(str(self._older.folder), None, f"{self._older.elf} did not finish; run it again")
             say(f"{self._older.elf} runs first; record: {self._older.record}")
             say(f"{self._older.elf}: {self._older.run()}")
             self._gate = read_gate(self._older.folder, in_one_session=True)

@@ -64,7 +64,9 @@ def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
     if chip is not None:
         board = f"the rig is for the virtual board {machine}" if machine else "the rig is for its own board"
         click.echo(f"{firmware}: {chip}, which the default virtual board cannot run: {board}")
-    click.echo(f"{firmware}: {proposals.found} names and texts found; {summary}. Check hil/rigs/{name}.toml")
+    click.echo(
+        f"{firmware}: {proposals.found} names and texts found; {summary}. Guesses are comments in hil/rigs/{name}.toml"
+    )
     return text
 
 

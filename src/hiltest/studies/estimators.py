@@ -23,7 +23,7 @@ from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigur
 
 UNCALIBRATED, SPHERE = "uncalibrated", "sphere"
 NAMES = (UNCALIBRATED, SPHERE, *(name for name in REFERENCES if name not in FASTER))
-# A selection of lines that a reader can distinguish.
+# A selection of lines that a reader can distinguish; those that the sentence names are added.
 _DRAWN = (SPHERE, "direct", "iterative", "li", "corrected", "taubin", "geometric")
 _MEDIAN, _HIGH = 0.5, 0.95
 
@@ -121,21 +121,31 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     medians = {name: quantile(errors[:, index], _MEDIAN) for index, name in enumerate(names)}
     best = min(medians, key=lambda name: medians[name].value)
     judged = CONDITIONS[JUDGED]
+    refused = dict(zip(names, 1.0 - numbers_by_condition[JUDGED][:, :, 1].mean(axis=0), strict=True))
+    named = [
+        f"{name} {medians[name]}"
+        + (
+            f" and refuses {100.0 * refused[name]:.3g} % of the instances, which count as spheres"
+            if refused[name]
+            else ""
+        )
+        for name in dict.fromkeys(("direct", "corrected", *plan.methods))
+    ]
     sentence = (
         f"With {judged.noise_ut:g} uT of noise and {judged.points} points, {best} has the smallest error, "
-        f"{medians[best]} deg in the median of {plan.instances} instances, with the 95 % confidence interval; direct "
-        f"has {medians['direct']}, corrected {medians['corrected']}."
+        f"{medians[best]} deg in the median of {plan.instances} instances, with the 95 % confidence interval; "
+        f"{', '.join(named).replace(' ', ' has ', 1)}."
     )
     table = Table("study.estimators", columns, tuple(rows))
-    measurements = tuple(_measurements(numbers_by_condition[JUDGED]))
+    measurements = tuple(_measurements(names, numbers_by_condition[JUDGED]))
     return Conclusion(sentence, measurements, table, tuple(_printed_figures(medians)))
 
 
-def _measurements(judged: Array) -> list[Measurement]:
+def _measurements(names: Sequence[str], judged: Array) -> list[Measurement]:
     return [
         quantile_measurement(f"study.estimators.{name}.{text}", quantile(judged[:, index, 0], share), "deg")
-        for index, name in enumerate(NAMES)
-        if name not in (UNCALIBRATED, SPHERE)
+        for index, name in enumerate(names)
+        if name not in (UNCALIBRATED, SPHERE) and ":" not in name  # a file is no name of a measurement
         for text, share in (("median", _MEDIAN), ("p95", _HIGH))
     ]
 
@@ -168,9 +178,9 @@ def _printed_figures(medians: dict[str, Estimate]) -> list[PrintedFigure]:
 def draw(run: Run, table: Table) -> Figure:
     """Draw the median error against noise, for many points."""
     judged = CONDITIONS[JUDGED]
-    lines: dict[str, list[tuple[float, float]]] = {
-        name: [] for name in (*_DRAWN, *(str(row[0]) for row in table.rows if row[0] not in NAMES))
-    }
+    words = set(run.verdict.sentence.replace(",", " ").split())
+    rest = (str(row[0]) for row in table.rows if row[0] not in NAMES or row[0] in words)
+    lines: dict[str, list[tuple[float, float]]] = {name: [] for name in (*_DRAWN, *rest)}
     for row in table.rows:
         name, noise, count, occluded, stretch, median = row[:6]
         is_judged = (count, occluded, stretch) == (judged.points, 100.0 * judged.occluded, judged.stretch)

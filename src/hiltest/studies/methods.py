@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hiltest.calibration import reference
+from hiltest.calibration import REFERENCES, reference
 from hiltest.calibration.fit import Array, MagnetometerFit
+from hiltest.calibration.own import check_own_name
 from hiltest.errors import ConfigError
 from hiltest.studies.board_calibrators import BoardCalibrators, board_calibrators
 
@@ -23,6 +24,7 @@ def own_methods(firmware: Path | None, calibrators: Sequence[str]) -> tuple[str,
         If the firmware has no table of calibrators, or there is no calibrator by a name.
     """
     for name in calibrators:
+        check_own_name(name, REFERENCES)
         reference(name)
     of_file = [] if firmware is None else [f"{firmware}:{name}" for name in _opened(str(firmware)).names]
     return tuple(dict.fromkeys((*of_file, *calibrators)))

@@ -18,7 +18,7 @@ from hiltest.verdict.evidence import REAL, Evidence, Seed, allow_misses, as_one_
 from hiltest.verdict.obstacles import accept_command, obstacles
 from hiltest.verdict.pairs import Pairs, number_of
 from hiltest.verdict.run_noise import FALSE_ALARMS
-from hiltest.verdict.wording import entry, format_seeds, sentence
+from hiltest.verdict.wording import entry, format_seeds, review_sentence, sentence
 
 WORST_FOUND = KINDS["cycles.{calibrator}.worst_found"]
 
@@ -77,6 +77,11 @@ def review(base: Evidence, new: Evidence) -> Comparison:
 
     Saving a run over the file is accepted as a whole if the conditions changed, too; numbers are then incomparable.
     """
+    comparison = _review(base, new)
+    return replace(comparison, sentence=review_sentence(comparison))
+
+
+def _review(base: Evidence, new: Evidence) -> Comparison:
     accepted = {entry.name: entry.because for entry in new.history if entry not in base.history}
     new = allow_misses(new)
     if (saved_anew := accepted.pop(_ALL, "")) and (unlike := obstacles(base, new, None, together=False)):
@@ -97,7 +102,9 @@ def _remarks(base: Evidence, new: Evidence, differences: Sequence[Difference]) -
     unsealed = [side.name for side in (base, new) if not side.sealed]
     if unsealed:
         yield f"{' and '.join(unsealed)}: not sealed, since the file has no digest of its content."
-    if base.record and base.record == new.record and not base.builds:
+    if new.is_baseline:
+        pass  # a review of the next version: equal runs are no mistake
+    elif base.record and base.record == new.record and not base.builds:
         yield "The run was compared with itself."
     elif base.side.firmware_sha256 and base.side.firmware_sha256 == new.side.firmware_sha256:
         yield "Both sides ran the same firmware file."

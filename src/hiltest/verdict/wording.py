@@ -128,6 +128,14 @@ def sentence(comparison: Comparison) -> str:
     return f"{answer_in_words(comparison)}: {reasons(comparison)}."
 
 
+def review_sentence(comparison: Comparison) -> str:
+    """Return the comparison of a baseline with its next version in one sentence, which says nothing about a run."""
+    if comparison.evaluated and not shown(comparison):
+        return "The baseline is unchanged."
+    answers = {Answer.MAY: "accepted", Answer.NOT: "not accepted", Answer.UNKNOWN: "not evaluated"}
+    return f"The changes to the baseline are {answers[comparison.answer]}: {reasons(comparison)}."
+
+
 def answer_in_words(comparison: Comparison) -> str:
     """Return the answer and the base.
 
