@@ -89,6 +89,17 @@ class Question(str):
         question.wishes, question.takes_heading = wishes, takes_heading
         return question
 
+    def after(self, remark: str) -> Question:
+        """Return the question with a text before it."""
+        return Question(
+            remark + self,
+            self.live,
+            pose=self.pose,
+            asked_deg=self.asked_deg,
+            wishes=self.wishes,
+            takes_heading=self.takes_heading,
+        )
+
     live: Callable[[], str] | None
     pose: Pose | None
     asked_deg: float | None
