@@ -39,7 +39,9 @@ def share_that_passes(rig: Rig, statistic: str) -> float:
 
 def test_the_limits_of_the_shipped_rig_are_in_reach_of_its_angles_and_some_are_not_of_a_protractor() -> None:
     assert limits_out_of_reach(RIG, POSES) == ""
-    named = re.findall(r"^heading\.direct\.(\w+) .* deg with U (\S+): ", limits_out_of_reach(by_hand(1.0), POSES), re.M)
+    named = re.findall(
+        r"^heading\.direct\.(\w+)\b.* deg with U (\S+): ", limits_out_of_reach(by_hand(1.0), POSES), re.M
+    )
     assert named == [("max", "1.1"), ("rms", "1.1"), ("bias", "1.1"), ("max_centred", "1")]
 
 

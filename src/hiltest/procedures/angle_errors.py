@@ -46,16 +46,18 @@ def limits_out_of_reach(rig: Rig, poses: Sequence[Pose]) -> str:
 
     A value meets its limit if it is within by at least U, and `angle_errors_deg` are values of a perfect compass.
     """
-    errors_deg, lines = angle_errors_deg(rig, poses), ""
+    errors_deg, faults = angle_errors_deg(rig, poses), dict[str, list[str]]()
     for name, limit in rig.limits.items():
         error_deg, uncertainty_deg = errors_deg.get(name.rpartition(".")[2]), rig.guard_band_deg(name)
         if error_deg is None or uncertainty_deg is None or limit.max is None:
             continue
         bound_deg, needed_deg = min(limit.max, abs(limit.min or limit.max)), error_deg + uncertainty_deg
         if bound_deg < needed_deg:
-            lines += (
-                f"{name} {limit} deg with U {format_number(uncertainty_deg, 2)}: raise it above "
-                f"{math.ceil(10.0 * needed_deg) / 10.0:g}, or lower U below "
-                f"{uncertainty_deg * bound_deg / needed_deg:.2f}.\n"
+            least_deg, most_deg = math.ceil(10.0 * needed_deg) / 10.0, uncertainty_deg * bound_deg / needed_deg
+            fault = (
+                f"{limit} deg with U {format_number(uncertainty_deg, 2)}: raise it above {least_deg:g}, or lower U "
+                f"below {most_deg:.2f}."
             )
+            faults.setdefault(fault, []).append(name)
+    lines = "".join(f"{', '.join(names)} {fault}\n" for fault, names in faults.items())
     return f"{_FAULT}{lines}{_REMEDY}" if lines else ""
