@@ -64,7 +64,7 @@ function show() {
     at("verdict").hidden = false;
     at("verdict").className = `verdict ${news.ended.tone}`;
     at("verdict").querySelector("h1").textContent = news.ended.outcome.toUpperCase();
-    at("verdict").querySelector("p").textContent = news.ended.sentence.replace(/^[A-Z ]+\. /, "");
+    at("verdict").querySelector("p").textContent = news.ended.sentence.replace(/^[A-Z ]+[.:] /, "");
     words({});
     at("enter").hidden = at("answers").hidden = at("live").hidden = true;
     keepReport();

@@ -47,6 +47,9 @@ class BenchPage:
     Attributes
     ----------
     url : str
+    report : bytes
+        Page of the report, which a browser keeps when this server has ended; empty before the end.
+    report_sent : threading.Event
 
     Raises
     ------
@@ -65,8 +68,7 @@ class BenchPage:
         self._wishes: tuple[str, ...] = ()
         self._asked_for_news_s = -_NEWS_S
         self._is_stopped = False
-        self._report = b""
-        self._report_sent = threading.Event()
+        self.report, self.report_sent = b"", threading.Event()
         self._server = _Server(listener, self)
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
@@ -77,7 +79,7 @@ class BenchPage:
         with self._lock:
             self._answer = None
             self._state = {
-                **{name: value for name, value in self._state.items() if name in ("sphere", "rig")},
+                **{name: value for name, value in self._state.items() if name == "sphere"},
                 "question": self._state["question"] + 1,
                 "asks": True,
                 "lines": [line.strip().removesuffix(":") for line in lines],
@@ -85,6 +87,7 @@ class BenchPage:
                 "takes_heading": question.takes_heading,
                 "ghost": _rows(question.pose),
                 "asked_deg": question.asked_deg,
+                "live": "" if question.live else "no live view of the board during this question",
             }
 
     def look(self, live: str) -> None:
@@ -141,11 +144,11 @@ class BenchPage:
 
     def end(self, verdict: Verdict, report: Path) -> None:
         """Show the verdict with a link to the report, and wait shortly until a browser that is there has both."""
-        self._report = report.read_bytes()
+        self.report = report.read_bytes()
         ended = {"outcome": verdict.outcome, "sentence": verdict.sentence, "tone": badge_of(verdict.outcome).tone}
         self._update(asks=False, progress="", ended=ended)
         if time.monotonic() - self._asked_for_news_s < _NEWS_S:
-            self._report_sent.wait(_NEWS_S)
+            self.report_sent.wait(_NEWS_S)
 
     def close(self) -> None:
         """Stop serving."""
@@ -161,24 +164,18 @@ class BenchPage:
     def take_answer(self, question: object, answer: object) -> bool:
         """Accept the first answer to the question that is shown; return whether it was that.
 
-        Between two questions the operator may stop: the run is then interrupted, as by Ctrl-C.
+        An operator may stop at any time: between two questions the run is interrupted, as by Ctrl-C.
         """
         with self._lock:
-            is_shown = question == self._state["question"] and isinstance(answer, str) and not self._is_stopped
-            is_ours = is_shown and self._state["asks"]
-            stops = is_shown and answer == _STOP and "ended" not in self._state
-            self._is_stopped |= stops
+            is_ours = self._state["asks"] and question == self._state["question"] and isinstance(answer, str)
             if is_ours and self._answer is None:
                 self._answer = str(answer)
-        if stops and not is_ours:
+            stops = answer == _STOP and not self._is_stopped and "ended" not in self._state
+            self._is_stopped |= stops
+            interrupts = stops and self._answer != _STOP
+        if interrupts:
             interrupt_main()
-        return is_ours or stops
-
-    def report(self) -> bytes:
-        """Return the page of the report, which a browser keeps when this server has ended; empty before the end."""
-        if self._report:
-            self._report_sent.set()
-        return self._report
+        return bool(is_ours or stops)
 
     def path_of(self, headers: Any, path: str) -> str | None:
         """Return the part of a path behind the secret; None if a caller may not come in.
@@ -229,8 +226,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send((files("hiltest.session") / path).read_bytes(), "text/javascript; charset=utf-8")
         elif path == "state":
             self._send(page.news(), "application/json")
-        elif path == REPORT_FILE and (report := page.report()):
-            self._send(report, "text/html; charset=utf-8")
+        elif path == REPORT_FILE and page.report:
+            self._send(page.report, "text/html; charset=utf-8")
+            page.report_sent.set()
         else:
             self.send_error(HTTPStatus.FORBIDDEN if path is None else HTTPStatus.NOT_FOUND)
 
