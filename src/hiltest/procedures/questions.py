@@ -91,14 +91,9 @@ class Question(str):
 
     def after(self, remark: str) -> Question:
         """Return the question with a text before it."""
-        return Question(
-            remark + self,
-            self.live,
-            pose=self.pose,
-            asked_deg=self.asked_deg,
-            wishes=self.wishes,
-            takes_heading=self.takes_heading,
-        )
+        question = Question(remark + self)
+        vars(question).update(vars(self))
+        return question
 
     live: Callable[[], str] | None
     pose: Pose | None
