@@ -18,7 +18,7 @@ _STATISTICS = ("max", "rms", "bias", "max_centred")
 _FAULT = "Even a perfect compass meets these limits in fewer than half of all runs, as the angles are so uncertain:\n"
 _REMEDY = (
     "To lower U, set the angles more accurately and correct uncertainty_deg under [turntable] and [mounting]. If the "
-    "errors of the angles are independent, fewest_poses = true under [turntable] also helps (docs/by-hand.md).\n"
+    "errors of the angles are independent, fewest_poses = true under [turntable] also helps.\n"
 )
 
 
