@@ -19,7 +19,7 @@ from hiltest.link.replies import AverageReply
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
 from hiltest.procedures.hand_poses import PoseWalk, Wish, wish_of
-from hiltest.procedures.questions import Question
+from hiltest.procedures.questions import Live, Question
 from hiltest.procedures.requested_headings import movement
 from hiltest.rig import Rig
 
@@ -241,6 +241,9 @@ def test_the_gyroscope_tells_the_turn_since_the_last_pose_beside_that_of_the_sca
     assert all(", turned " not in text for text in hand.beside[:20])  # there is no pose before the first
     last = [re.search(r", turned ([+-]\d+), still; ", hand.beside[20 * asked + 19]) for asked in range(1, 4)]
     assert [int(text[1]) for text in last if text] == pytest.approx([58, 30, 30], abs=1)
+    glances = [text.glance for text in hand.beside if isinstance(text, Live)]
+    assert [glances[20 * asked + 19].is_wrong_turn for asked in range(4)] == [False, True, False, False]
+    assert not any(glance.is_wrong_turn for glance in glances if glance.moves)
     assert any(", moving; " in text for text in hand.beside[20:40])
 
 

@@ -365,10 +365,16 @@ class _HandReadings(Generic[Taken]):
 
     def glance(self) -> Glance:
         """Return the board as its sensors show it, with its turn since the last known angle."""
-        glance = self._reader.glance()
-        if not self.walk.taken:
+        glance, walk, turn = self._reader.glance(), self.walk, self._reader.turn
+        if not walk.taken:
             return glance
-        return glance._replace(turned_deg=self._reader.turn.turned_deg(_pose(self.readings[self.walk.taken[-1]][0])))
+        before = _pose(self.readings[walk.taken[-1]][0])
+        turned_deg = turn.turned_deg(before)
+        is_wrong = walk.at is not None and turn.contradicts(
+            before, self._poses[walk.at].heading_deg - before.heading_deg
+        )
+        stands = not glance.moves and abs(turned_deg or 0.0) >= LEAST_TURN_DEG
+        return glance._replace(turned_deg=turned_deg, is_wrong_turn=is_wrong and stands)
 
     def asked_deg(self, heading_deg: float) -> float | None:
         """Return the turn from the last known angle to a heading; None without one."""

@@ -24,6 +24,8 @@ class Glance(NamedTuple):
     """rms noise of its sensors with their units; empty if unknown."""
     turned_deg: float | None = None
     """Turn about the vertical since the last known angle, by the gyroscope; None if unknown."""
+    is_wrong_turn: bool = False
+    """True if the board stands after another turn than the requested one."""
 
     def __str__(self) -> str:
         """Return the text beside the question."""

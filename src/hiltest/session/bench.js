@@ -52,7 +52,7 @@ function show() {
   at("noise").textContent = news.noise || "unknown";
   at("asked").textContent = degrees(news.asked_deg);
   at("turned").textContent = degrees(news.turned_deg);
-  at("turned").className = contradicts() ? "fail" : "";
+  at("turned").className = news.is_wrong_turn ? "fail" : "";
   at("sphere").hidden = !news.sphere;
   document.querySelector("main").classList.toggle("tumbles", !news.ghost);
   if (news.sphere) {
@@ -76,12 +76,6 @@ async function keepReport() {
   const page = await (await fetch("report.html")).blob();
   at("report").href = URL.createObjectURL(page);
   at("report").hidden = false;
-}
-
-function contradicts() {
-  if (news.moves || typeof news.turned_deg !== "number" || typeof news.asked_deg !== "number" || Math.abs(news.turned_deg) < 10) return false;
-  const apart = Math.abs(news.turned_deg - news.asked_deg) % 360;
-  return Math.min(apart, 360 - apart) > 10 + 0.1 * Math.abs(news.asked_deg);
 }
 
 function canvasOf(canvas) {

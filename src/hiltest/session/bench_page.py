@@ -99,6 +99,7 @@ class BenchPage:
             moves=bool(glance and glance.moves),
             noise=glance.noise if glance else "",
             turned_deg=glance and glance.turned_deg,
+            is_wrong_turn=bool(glance and glance.is_wrong_turn),
         )
 
     def answer(self) -> str | None:
