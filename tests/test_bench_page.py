@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from http.client import HTTPConnection
+from pathlib import Path
+from threading import Thread
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -19,6 +21,7 @@ from hiltest.errors import ConfigError
 from hiltest.procedures.questions import Glance, Live, Question
 from hiltest.rig.bench_files import DEFAULT_RIG, shipped
 from hiltest.rig.rig_file import load_rig
+from hiltest.run_record.run import Verdict
 from hiltest.session.bench_page import BenchPage
 
 ALL_ADDRESSES = "0.0.0.0"
@@ -79,6 +82,40 @@ def test_the_first_answer_to_the_present_question_counts_and_no_other(serve: Cal
         page.answer()
 
 
+def test_the_operator_stops_while_the_board_is_measured_and_only_once(serve: Callable[..., BenchPage]) -> None:
+    page, stop = serve(), {"question": 1, "answer": "quit"}
+    page.ask("turn it all round: ")
+    page.answered()
+    assert ask(page, "answer", {"question": 1, "answer": ""}) == (200, b'{"taken": false}')
+
+    def stop_and_wait() -> None:
+        assert ask(page, "answer", stop) == (200, b'{"taken": true}')
+        time.sleep(STAYS_S)
+
+    with pytest.raises(KeyboardInterrupt):
+        stop_and_wait()
+    assert ask(page, "answer", stop) == (200, b'{"taken": false}')
+
+
+def test_at_the_end_a_browser_gets_the_verdict_and_the_report_before_the_page_ends(
+    serve: Callable[..., BenchPage], tmp_path: Path
+) -> None:
+    page, report = serve(), tmp_path / "report.html"
+    report.write_text("all numbers", encoding="utf-8")
+    assert ask(page, "report.html")[0] == 404
+    assert ask(page, "state")[0] == 200
+    began_s = time.monotonic()
+    ending = Thread(target=page.end, args=(Verdict("not evaluated", 22, "NOT EVALUATED. Why.", complete=True), report))
+    ending.start()
+    while "ended" not in (state := json.loads(ask(page, "state")[1])):
+        assert time.monotonic() < began_s + STAYS_S
+    assert (state["ended"]["tone"], state["ended"]["sentence"]) == ("warn", "NOT EVALUATED. Why.")
+    assert ending.is_alive()
+    assert ask(page, "report.html") == (200, b"all numbers")
+    ending.join(STAYS_S)
+    assert not ending.is_alive()
+
+
 def test_the_state_is_the_question_its_live_text_and_the_sphere_with_its_hole(serve: Callable[..., BenchPage]) -> None:
     page, rig = serve(), load_rig(shipped() / "rigs" / DEFAULT_RIG)
     directions = sphere_directions(200)
@@ -86,11 +123,14 @@ def test_the_state_is_the_question_its_live_text_and_the_sphere_with_its_hole(se
     page.show_points(rig)(points, np.array([[8192, 0, 0], [0, 0, 8192]], np.int16))
     assert json.loads(ask(page, "state")[1])["board"] == np.eye(3).tolist()
     page.ask(Question("you did not turn.\npose 2: turn.\n  Enter or q: ", wishes=["skip", "quit"], takes_heading=True))
-    page.look(Live("board 1.0 deg, still; 1 of 4", Glance(1.0, False, noise="0.4 uT", turned_deg=-2.0)))
+    page.look(
+        Live("board 1.0 deg, still; 1 of 4", Glance(1.0, False, noise="0.4 uT", turned_deg=-2.0, is_wrong_turn=True))
+    )
     state = json.loads(ask(page, "state")[1])
     assert state["lines"] == ["you did not turn.", "pose 2: turn.", "Enter or q"]
     assert (state["wishes"], state["takes_heading"]) == (["skip"], True)
     assert (state["live"], state["turned_deg"], state["noise"]) == ("board 1.0 deg, still; 1 of 4", -2.0, "0.4 uT")
+    assert state["is_wrong_turn"] is True
     sphere = state["sphere"]
     assert np.array(sphere["points"]) == pytest.approx(directions[directions[:, 2] < 0.5], abs=0.01)
     assert np.array(sphere["hole"]) == pytest.approx([0.0, 0.0, 1.0], abs=0.1)

@@ -72,6 +72,13 @@ def test_an_old_spelling_works_and_is_hinted_at(tmp_path: Path, old: str, new: s
     assert [line.split(":")[0] for line in before[:hints]] == ["hint"] * hints
 
 
+def test_the_help_of_bench_has_its_own_name() -> None:
+    page = in_process.hiltest("bench", "--help").stdout
+    assert page.startswith("Usage: hiltest bench [OPTIONS]")
+    assert "pytest: hiltest bench -- -k heading" in " ".join(page.split())
+    assert in_process.hiltest("bench", "--nonsense").stderr.startswith("Usage: hiltest bench [OPTIONS]")
+
+
 def test_every_help_begins_with_a_verb() -> None:
     helped = [item for _, command in every_command() for item in (command, *command.params)]
     helps = [item.help or "" for item in helped if isinstance(item, click.Command | click.Option)]

@@ -51,6 +51,7 @@ from hiltest.procedures import (
     store_streams,
     store_untrimmed,
 )
+from hiltest.procedures.angle_errors import angle_errors_deg
 from hiltest.procedures.fewest_poses import plan_fewest_poses
 from hiltest.procedures.imu_calibration import ImuCalibration
 from hiltest.procedures.imu_calibration.on_board import NAME as CALIBRATION_FILE
@@ -105,10 +106,10 @@ REQUESTED = frozenset({"tumble", "calibrations"})
 
 # Limit for calibrators without a limit in the rig: the thesis' goal for a compass heading. Measurements under
 # [information] have no limit.
-GOAL = Limit(max=2.0)
-# Bias allowed beyond the uncertainty of the mounting or of hand-set angles [deg], as in the shipped rigs. A bias up to
-# this value is within the limit despite that uncertainty.
-BIAS_BEYOND_MOUNTING_DEG = 0.5
+GOAL_DEG = 2.0
+# Error allowed to the compass beyond the uncertainty of the mounting or of hand-set angles [deg], as in the shipped
+# rigs. A bias up to this value is within the limit despite that uncertainty.
+OWN_ERROR_DEG = 0.5
 
 # Fewest poses (of 16 readings each) that the calibration against gravity accepts as well.
 STILL_POSES = 40
@@ -340,21 +341,30 @@ def uncalibrated_angles(board: Board, request: pytest.FixtureRequest) -> tuple[K
 
 
 @pytest.fixture(scope="session")
-def limits_of_calibration(board: Board, rig: Rig, request: pytest.FixtureRequest) -> Callable[[str], dict[str, Limit]]:
+def limits_of_calibration(
+    board: Board, rig: Rig, hil_settings: Settings, request: pytest.FixtureRequest
+) -> Callable[[str], dict[str, Limit]]:
     """Return a function that gives the default limits of a source of headings, by statistic.
 
-    A streaming calibrator has none, because its accuracy depends on the points so far.
+    A streaming calibrator has none, because its accuracy depends on the points so far. Angles that are set by hand
+    widen the goal if even a perfect compass could not meet it.
     """
+    errors_deg = angle_errors_deg(rig, rig.procedure.known_angle_poses(hil_settings.poses))
+
+    def goal(statistic: str) -> Limit:
+        by_hand_deg = rig.guard_band_deg(f"heading.{JOINT}.{statistic}") or 0.0
+        needed_deg = by_hand_deg + errors_deg.get(statistic, 0.0) + OWN_ERROR_DEG
+        return Limit(max=max(GOAL_DEG, round(needed_deg, 1)))
 
     def limits(source: str) -> dict[str, Limit]:
         if not board.answers_requests:
-            return {"max": GOAL}
+            return {"max": goal("max")}
         if source not in request.getfixturevalue("calibrations") and source not in (DPI, JOINT, CALIBRATION_FILE):
             return {}
         by_hand_deg = rig.guard_band_deg(f"heading.{JOINT}.bias")
         mounting_deg = rig.mounting and rig.mounting.uncertainty_deg
-        bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + BIAS_BEYOND_MOUNTING_DEG)
-        return {"max": GOAL, "max_centred": GOAL, "bias": bias}
+        bias = Limit.within(round(by_hand_deg or mounting_deg or 0.0, 2) + OWN_ERROR_DEG)
+        return {"max": goal("max"), "max_centred": goal("max_centred"), "bias": bias}
 
     return limits
 

@@ -194,9 +194,10 @@ class OperatorAbsentError(BenchError):
 
     @classmethod
     def asked(cls, question: str) -> OperatorAbsentError:
-        """Return the error of a question without an answer."""
+        """Return the error of a question without an answer; remarks before the request are left out."""
+        *_, request = [question, *(line for line in question.splitlines() if not line.lstrip().startswith("Enter"))]
         return cls(
-            f"no operator answered at the terminal: {question.strip().rstrip(':.')}. "
+            f"no operator answered at the terminal: {request.strip().rstrip(':.')}. "
             "Run the command at a terminal where an operator can turn the board."
         )
 

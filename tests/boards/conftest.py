@@ -89,7 +89,8 @@ def at_a_terminal() -> Callable[..., Ended]:
             if select.select([terminal.board_end], [], [], 0.1)[0]:
                 shown += os.read(terminal.board_end, 4096).decode()
             question = BESIDE.sub("", shown[answered:])
-            if question.endswith(": ") and "Enter" in question:
+            # A write that Ctrl-C interrupts is repeated: its question is no second one.
+            if math.isinf(pressed_s) and question.endswith(": ") and "Enter" in question:
                 answered = len(shown)
                 if (typed := answer(question)) == CTRL_C:
                     pressed_s = time.monotonic()

@@ -77,10 +77,12 @@ def test_an_operator_is_led_and_only_what_was_refused_is_done_again(
         "level",
         "upside down",
     ]
-    again = "Enter to do it again, Ctrl-C to end"
-    assert re.search(rf"asked for nose up, and the board reads .*: it lies nose down; .*{again}", ended.shown)
+    refusal = (
+        r"asked for nose up, and the board reads .*: it lies nose down; .*\.\r?\nface 2 of 6: put the board nose up"
+    )
+    assert re.search(refusal, ended.shown)
     assert hand.tumbles == 2
-    assert re.search(rf"magnetometer refused: .*{again}", ended.shown)
+    assert re.search(r"magnetometer refused: .*\.\r?\ntake the board in your hand", ended.shown)
     # Progress with what is left, drawn in place.
     assert re.search(r"tumble, \d+ % of the sphere \d+ of 100, \d+ s left", ended.shown)
     check_against_the_truth(load_calibration(led_rig_file.parent / "imu_calibration.json").calibration, rig)
@@ -107,7 +109,7 @@ def test_ctrl_c_ends_it_and_leaves_no_file(
     pty_board: StartPtyBoard, rig: Rig, operators_rig_file: Path, at_a_terminal: Callable[..., Any]
 ) -> None:
     def answer(question: str) -> str:
-        return CTRL_C if "Ctrl-C to end" in question else "\n"  # the board stays where it lies
+        return CTRL_C if "asked for nose down" in question else "\n"  # the board stays where it lies
 
     folder = operators_rig_file.parent
     ended = at_a_terminal(command(operators_rig_file, pty_board(rig).path), folder, answer)

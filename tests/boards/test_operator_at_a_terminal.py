@@ -92,7 +92,7 @@ def test_an_operator_is_asked_again_for_each_slip_and_the_headings_are_judged(
         "level",
         "upside down",
     ]
-    assert re.search(r"asked for nose up, .*: it lies level; .*\. Enter to do it again, Ctrl-C to end", ended.shown)
+    assert re.search(r"asked for nose up, .*: it lies level; .*\.\r?\nface 2 of 6: put the board nose up", ended.shown)
     values = measured(operators_rig_file)
     assert values["heading.direct.max"] < 1.8  # the rig's limit
     assert values["fit.direct.offset_error"] is None  # nobody knows the truth of a real board

@@ -12,8 +12,8 @@ from tests.command_files import run
 from tests.test_json_documents import checked
 
 from hiltest.campaigns.several_boards import apart_of, verdict_of
-from hiltest.measurement import Limit, Measurement, Outcome
-from hiltest.report.boards_page import BoardLine
+from hiltest.measurement import Limit, Measurement, Outcome, check
+from hiltest.report.boards_page import BoardLine, boards_html
 from hiltest.rig.bench_files import shipped
 
 VIRTUAL = (shipped() / "rigs" / "virtual-k64f.toml").read_text(encoding="utf-8")
@@ -72,11 +72,32 @@ def test_the_boards_of_a_batch_have_one_table_and_each_a_label(
     summary = checked((tmp_path / "hil-out" / "boards.json").read_text(encoding="utf-8"), "hiltest.boards/1")
     assert [board["name"] for board in summary["boards"]] == ["K64-7", "K64-8"]
     rows = [*csv.DictReader((tmp_path / "hil-out" / "boards.csv").read_text(encoding="utf-8").splitlines())]
-    assert (rows[0]["measurement"], rows[0]["K64-7"], rows[0]["K64-8"]) == ("exit code", "0", "0")
+    ends = [(row["measurement"], row["K64-7"], row["K64-8"]) for row in rows[:2]]
+    assert ends == [("verdict", "pass", "pass"), ("exit code", "0", "0")]
     values = {measurement["name"]: measurement["values"] for measurement in summary["measurements"]}
-    assert [row["measurement"] for row in rows[1:]] == list(values)
-    assert {float(rows[1][serial]) for serial in labelled} == {*values[rows[1]["measurement"]].values()}
+    assert [row["measurement"] for row in rows[2:]] == list(values)
+    assert {float(rows[2][serial]) for serial in labelled} == {*values[rows[2]["measurement"]].values()}
     assert 'href="./K64-7/report.html"' in (tmp_path / "hil-out" / "boards.html").read_text(encoding="utf-8")
+
+
+def test_a_verdict_that_is_not_evaluated_has_another_sign_than_a_failure() -> None:
+    boards = [BoardLine("open", "open", 22, "NOT EVALUATED."), BoardLine("bad", "bad", 1, "FAIL.")]
+    near = check("heading.direct.max", 1.6, unit="deg", limit=Limit(max=2), uncertainty=0.7)
+    beyond = check("heading.direct.max", 3.0, unit="deg", limit=Limit(max=2), uncertainty=0.7)
+    apart = apart_of({"open": [near], "bad": [beyond]})
+    open_page, bad_page = (boards_html(verdict_of(chosen), chosen, apart) for chosen in (boards[:1], boards[1:]))
+    signs = [
+        re.findall(r'class="verdict (\w+)">\s*<h1>[^<]*<strong><span[^>]*>(.)<', page) for page in (open_page, bad_page)
+    ]
+    assert signs == [[("warn", "!")], [("bad", "✗")]]
+    assert re.findall(
+        r'class="number (\w+)">(22|1|1\.60 .|3\.00 .)<', boards_html(verdict_of(boards), boards, apart)
+    ) == [
+        ("warn", "22"),
+        ("bad", "1"),
+        ("warn", "1.60 ?"),
+        ("bad", "3.00 ✗"),
+    ]
 
 
 @pytest.mark.parametrize("serial", ["../x", "a/b", "=1+1", "-x", "", "x" * 65, "a.b"])

@@ -37,7 +37,7 @@ def board_at_a_port() -> Iterator[str]:
         terminal.unplug()
 
 
-def command(port: str) -> list[str]:
+def command(port: str, *options: str) -> list[str]:
     """Return a command whose rig, without a name, is that of a real board."""
     return [
         sys.executable,
@@ -46,6 +46,7 @@ def command(port: str) -> list[str]:
         "run",
         "--hil-port",
         port,
+        *options,
         "--",
         "-k",
         "accelerometer and rest",
@@ -81,8 +82,13 @@ def test_an_operator_at_a_terminal_answers_a_prompt_with_enter(tmp_path: Path) -
 
 @pytest.mark.parametrize("closed", [False, True], ids=["end of file", "closed"])
 def test_nobody_at_the_terminal_is_a_bench_error_with_the_next_step(tmp_path: Path, closed: bool) -> None:
+    protractor = tmp_path / "protractor.toml"
+    text = (shipped() / "rigs" / "frdm-k64f.toml").read_text(encoding="utf-8")
+    protractor.write_text(
+        text.replace("uncertainty_deg = 0.5                     # divided", "uncertainty_deg = 1.0 # divided")
+    )
     with board_at_a_port() as port:
-        words = command(port)
+        words = command(port, *([] if closed else ["--rig", str(protractor)]))
         done = subprocess.run(
             ["sh", "-c", 'exec "$0" "$@" <&-', *words] if closed else words,
             cwd=tmp_path,
@@ -94,5 +100,6 @@ def test_nobody_at_the_terminal_is_a_bench_error_with_the_next_step(tmp_path: Pa
         )
     assert done.returncode == 20, done.stdout + done.stderr
     shown = " ".join(done.stdout.split())  # the sentence is broken into lines
-    assert "no operator answered at the terminal" in shown
+    assert "no operator answered at the terminal: put the board down level" in shown
+    assert ("heading.direct.rms at most 1.5 deg with U 1.1: raise it above" in shown) is not closed
     assert "Run the command at a terminal" in shown

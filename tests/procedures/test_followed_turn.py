@@ -57,6 +57,10 @@ def test_the_scale_is_contradicted_beyond_the_error_of_an_uncalibrated_gyroscope
     # 10 % of 58 degrees and 10 degrees that no check is made of.
     assert not turn.contradicts(pose, 58.0 + 14.0)
     assert turn.contradicts(pose, 58.0 + 18.0)
+    # In 0.3 s without samples, as of a slow computer, a hand may turn by 6 degrees more than the rate before and after.
+    slow = followed(pose, 14.5, gap_s=0.3)
+    assert not slow.contradicts(pose, 58.0 + 17.5)
+    assert slow.contradicts(pose, 58.0 + 20.0)
     turn.begin()
     assert not turn.contradicts(pose, 0.0)
     assert not followed(pose, 14.5, gap_s=0.5).contradicts(pose, 0.0)

@@ -19,7 +19,7 @@ from hiltest.link.replies import AverageReply
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
 from hiltest.procedures.hand_poses import PoseWalk, Wish, wish_of
-from hiltest.procedures.questions import Question
+from hiltest.procedures.questions import Live, Question
 from hiltest.procedures.requested_headings import movement
 from hiltest.rig import Rig
 
@@ -200,7 +200,10 @@ def test_an_operator_who_only_presses_enter_ends_the_run_at_the_second_pose(virt
 def test_a_turn_by_another_angle_than_the_scale_says_is_named(virtual_board: Board) -> None:
     hand = WrongHand(virtual_board, {2: [28.0], 4: [None, 0.0]}, "", "30", "", "", "30.5")
     walked(virtual_board, hand, tuple(Pose(30.0 * index) for index in range(4)))
-    said = re.match(r"the scale says that the board turned by 30 deg, its magnetometer (\d+)\.", hand.asked[2])
+    said = re.match(
+        r"heading 30 is a turn of \+30 deg from pose 1, but its magnetometer shows (\d+)\. Set the board to heading 30",
+        hand.asked[2],
+    )
     assert said
     assert 50 < int(said[1]) < 66  # iron is not calibrated yet
     assert hand.poses[:4] == [1, 2, 2, 3]
@@ -232,12 +235,15 @@ def test_the_gyroscope_tells_the_turn_since_the_last_pose_beside_that_of_the_sca
     hand = WatchedHand(virtual_board, [0.0, 58.0, -28.0, 30.0])
     walked(virtual_board, hand, tuple(Pose(30.0 * index) for index in range(3)))
     assert hand.poses == [1, 2, 2, 3]
-    told = r"the scale says that the board turned by 30 deg, its magnetometer \d+, its gyroscope \+(\d+)\."
+    told = r"heading 30 is a turn of \+30 deg from pose 1, but its magnetometer .* and its gyroscope shows \+(\d+)\."
     assert (refusal := re.match(told, hand.asked[2]))
     assert int(refusal[1]) == pytest.approx(58, abs=1)  # rounded, and the bias of 0.3 s
     assert all(", turned " not in text for text in hand.beside[:20])  # there is no pose before the first
     last = [re.search(r", turned ([+-]\d+), still; ", hand.beside[20 * asked + 19]) for asked in range(1, 4)]
     assert [int(text[1]) for text in last if text] == pytest.approx([58, 30, 30], abs=1)
+    glances = [text.glance for text in hand.beside if isinstance(text, Live)]
+    assert [glances[20 * asked + 19].is_wrong_turn for asked in range(4)] == [False, True, False, False]
+    assert not any(glance.is_wrong_turn for glance in glances if glance.moves)
     assert any(", moving; " in text for text in hand.beside[20:40])
 
 

@@ -150,7 +150,7 @@ def test_the_reported_gyroscope_tells_the_turn_since_the_last_pose_beside_that_o
 
         poses = (Pose(0.0), Pose(30.0))
         measure_reported_angles(board, OperatorTurntable(prompt=hand, uncertainty_deg=1.0), poses)
-    refusal = re.match(r"the scale says that the board turned by \+30 deg, its gyroscope \+(\d+)\. Turn", asked[2])
+    refusal = re.match(r"heading 30 is a turn of \+30 deg from pose 1, but its gyroscope shows \+(\d+)\. Set", asked[2])
     assert refusal
     assert int(refusal[1]) == pytest.approx(58, abs=2)  # ten lines in a second, the mean of two between them
     assert len(asked) == 4

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +20,7 @@ from hiltest.procedures import (
     BoardMovedError,
     FittedTurns,
     MeasuredTurn,
+    OperatorTurntable,
     SimulatedTurntable,
     TurnInvalidError,
     Turntable,
@@ -140,7 +143,10 @@ def test_a_gyroscope_of_wrong_sign_axis_or_unit_is_refused_with_what_it_felt(
     assert bench_rig.world is not None
     a, b, c = response
     wrong = replace(bench_rig, world=replace(bench_rig.world, gyroscope_response=(a, b, c)))
-    with open_board(wrong) as board, pytest.raises(TurnInvalidError, match=rf"felt {felt} .* where \+360 about z"):
+    with (
+        open_board(wrong) as board,
+        pytest.raises(TurnInvalidError, match=rf"measured {felt} .* turn by \+360 about z"),
+    ):
         turns_about(board, open_turntable(board, uncertainty_deg=0.1), Axis.Z)
 
 
@@ -219,8 +225,34 @@ def test_half_a_turn_is_not_a_turn(board: Board, table: Turntable) -> None:
         def turn(self, axis: Axis, degrees: float, *, rate_dps: float) -> float:
             return super().turn(axis, 0.5 * degrees, rate_dps=rate_dps)
 
-    with pytest.raises(TurnInvalidError, match=r"\+18\d\) deg about x, y, z where \+360 about z were asked for"):
+    with pytest.raises(
+        TurnInvalidError, match=r"\+18\d\) deg about x, y, z, and the table was to turn by \+360 about z"
+    ):
         turns_about(board, Half(bench_of(board), uncertainty_deg=0.1), Axis.Z)
+
+
+@pytest.mark.parametrize(("slips", "is_refused"), [(["half", "none", "whole"], False), (["half"] * 3, True)])
+def test_an_operator_who_slips_is_asked_for_the_turn_up_to_three_times(
+    board: Board, slips: list[str], is_refused: bool
+) -> None:
+    stage, asked, shares = bench_of(board), list[str](), {"half": 0.5, "none": 0.0, "whole": 1.0}
+
+    def prompt(question: str) -> str:
+        asked.append(question)
+        if "turn the table" in question and (share := shares[slips.pop(0)]):
+            stage.turn_round(share * 360.0, rate_dps=RATE_DPS, after_s=0.4)
+        return ""
+
+    hand = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5)
+    with pytest.raises(TurnInvalidError) if is_refused else nullcontext():
+        (turn,) = turns_about(board, hand, Axis.Z)
+        assert turn.sensitivity_error_percent == pytest.approx(1.8, abs=0.15)
+    assert slips == []
+    reasons = [
+        re.match(r"the turn about z is invalid: .* \(.*, ([+-]\d+)\) deg about x, y, z", question) for question in asked
+    ]
+    measured_deg = [int(reason[1]) for reason in reasons if reason]
+    assert measured_deg == pytest.approx([183, 183] if is_refused else [183, 0], abs=2)
 
 
 def test_lost_samples_make_a_turn_invalid(board: Board, table: Turntable, monkeypatch: pytest.MonkeyPatch) -> None:

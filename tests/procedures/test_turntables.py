@@ -57,9 +57,14 @@ def test_a_terminal_that_has_been_closed_is_an_absent_operator() -> None:
 
 
 def test_only_a_hand_is_asked_to_do_something_again(simulated_turntable: Turntable) -> None:
-    asked, prompt = answers("")
-    assert OperatorTurntable(prompt=prompt, uncertainty_deg=0.5).again("the board moved")
-    assert asked == ["the board moved. Enter to do it again, Ctrl-C to end: "]
+    asked, prompt = answers("", "", "")
+    table = OperatorTurntable(prompt=prompt, uncertainty_deg=0.5, remark="U is large.\n")
+    table.rest()
+    assert table.again("the board moved")
+    table.rest()
+    table.rest()
+    request = asked[2]
+    assert asked == [f"U is large.\n{request}", f"the board moved.\n{request}", request]
     assert not simulated_turntable.again("the board moved")
 
 

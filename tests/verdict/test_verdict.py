@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -188,6 +189,7 @@ def test_without_a_declared_mounting_only_centred_values_count(findings: Make, h
         "direct: worst heading 0.95 deg about its mean over 60 poses (limit 1.8), 12 400 cycles."
     )
     assert verdict.exit_code == 22
+    assert re.match(r"All headings are off by \+1\.71 deg .* \[mounting\]", summarise(run).advice[0])
 
 
 def test_a_limit_that_cannot_be_told_is_no_pass_and_is_named_with_value_limit_and_uncertainty(
@@ -206,6 +208,22 @@ def test_a_limit_that_cannot_be_told_is_no_pass_and_is_named_with_value_limit_an
     assert both.exit_code == 1
     assert both.sentence.startswith("FAIL. heading.iterative.max 3.10 deg (limit 2 with U 0.71). ")
     assert "Cannot tell at this uncertainty: heading.direct.max" in both.sentence
+
+
+@pytest.mark.parametrize(
+    ("biases_deg", "added_deg"), [((1.7, 1.9), "+1.80"), ((-1.7, -1.7), "-1.70"), ((1.7, -1.7), ""), ((0.6, 0.7), "")]
+)
+def test_headings_that_are_all_off_by_the_same_angle_get_the_advice_to_correct_the_mounting(
+    findings: Make, biases_deg: tuple[float, float], added_deg: str
+) -> None:
+    near = [
+        check(f"heading.{name}.{statistic}", value, unit="deg", limit=Limit(min=-2, max=2), uncertainty=0.707)
+        for name, bias_deg in zip(("direct", "iterative"), biases_deg, strict=True)
+        for statistic, value in (("max", 2.4), ("bias", bias_deg), ("max_centred", 0.7))
+    ]
+    (advice,) = summarise(findings(*near)).advice
+    named = re.match(r"All headings are off by (\S+) deg in the mean: .* yaw_deg under \[mounting\]", advice)
+    assert (named[1] if named else "") == added_deg
 
 
 def test_angles_that_were_not_all_taken_leave_no_centred_value_either(findings: Make, heading: Heading) -> None:

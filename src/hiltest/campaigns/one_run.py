@@ -15,7 +15,7 @@ from hiltest.errors import ConfigError
 from hiltest.processes import lacks_resources
 from hiltest.rig.bench_files import suites
 from hiltest.run_record.exit_codes import ExitCode
-from hiltest.run_record.files import OLDER_FOLDER, RUN_FILE
+from hiltest.run_record.files import OLDER_FOLDER, REPORT_FILE, RUN_FILE
 from hiltest.run_record.run import Run
 from hiltest.session.bench_session import SESSION
 from hiltest.session.older_firmware import OlderFirmware
@@ -126,7 +126,7 @@ class RunCommand:
         """Store the finished record, and show its verdict."""
         self.run = run
         if self._page is not None:
-            self._page.end(run.verdict.outcome, run.verdict.sentence)
+            self._page.end(run.verdict, self.folder / REPORT_FILE)
 
     def pytest_unconfigure(self) -> None:
         """Stop serving the page."""

@@ -20,7 +20,7 @@ from hiltest.report.job_summary import annotation, append_to_job_summary
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import rig_file
 from hiltest.rig.rig_file import load_rig
-from hiltest.run_record.exit_codes import WORDS, ExitCode
+from hiltest.run_record.exit_codes import ExitCode, outcome_of
 from hiltest.run_record.files import (
     BOARDS_FILE,
     BOARDS_MARKDOWN,
@@ -245,12 +245,7 @@ def verdict_of(boards: Sequence[BoardLine]) -> Verdict:
     # The enumeration is in order of precedence, a pass last. Another code is a plugin's.
     ordered = (int(exit_code) for exit_code in ExitCode if exit_code in codes and exit_code)
     code = next(ordered, int(ExitCode.NOT_EVALUATED if any(codes) else ExitCode.OK))
-    red = [f"{board.name}: {_word(board.exit_code)}" for board in boards if board.exit_code]
+    red = [f"{board.name}: {outcome_of(board.exit_code)}" for board in boards if board.exit_code]
     passed = f"{len(boards) - len(red)} of {len(boards)} boards pass"
     sentence = f"{passed}; {join_words(red, _NAMED_AT_MOST)}." if red else f"{passed}."
-    return Verdict(_word(code), code, sentence, complete=True)
-
-
-def _word(code: int) -> str:
-    """Return the name of an exit code, which a plugin of pytest may have chosen."""
-    return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, f"exit code {code}")
+    return Verdict(outcome_of(code), code, sentence, complete=True)

@@ -59,6 +59,8 @@ class _Commands(click.Group):
         self, context: click.Context, words: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the name, the command and its arguments; a name of two words takes precedence."""
+        if short := _SHORT_COMMANDS.get(words[0]):
+            return words[0], self.get_command(context, short[0]), [*short[1:], *words[1:]]
         for count in (2, 1):
             name = " ".join(words[:count])
             if name in _COMMANDS:
@@ -100,7 +102,6 @@ def _replace_old_spellings(words: list[str]) -> list[str]:
         if " ".join(arguments[: len(old.split())]) == old:
             click.echo(f"hint: hiltest {old} is now hiltest {new}", err=True)
             arguments[: len(old.split())] = new.split()
-    arguments[:1] = _SHORT_COMMANDS.get(arguments[0], arguments[:1]) if arguments else []
     renamed = []
     for word in arguments:
         option, equals, value = word.partition("=")
@@ -164,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _report_failure(error, message, code, as_json=as_json)
     if (fault := output_fault(sys.stdout)) is not None:
         click.echo(f"ERROR: cannot write the output: {fault.strerror}", err=True)
-        if words[:1] != ["run"]:  # the result of a run is its record, and not its output
+        if words[:1] not in (["run"], ["bench"]):  # the result of a run is its record, and not its output
             code = _USAGE_ERROR
     sys.exit(code or 0)
 

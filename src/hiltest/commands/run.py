@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ from hiltest.errors import ConfigError
 from hiltest.rig.bench_files import REAL_RIG
 from hiltest.session.settings import DEFAULT_OUT, check_environment, file_name, serial_number
 
+_BENCH_HELP = "Ask an operator at the terminal and on a page to turn a board; the same as hiltest run --page.\n\n"
+
 
 class _Run(click.Command):
     """Command whose error about an unknown option explains how to pass pytest's options."""
@@ -36,8 +39,15 @@ class _Run(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            hint = "Options of pytest follow --: hiltest run -- -k heading"
+            hint = f"Options of pytest follow --: {ctx.command_path} -- -k heading"
             raise click.UsageError(f"{error.format_message()} {hint}", ctx) from error
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the help, in which the command has the name that it was called by."""
+        intro = _BENCH_HELP if ctx.info_name == "bench" else ""
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(intro + cleandoc(self.help or "").replace("hiltest run", ctx.command_path))
 
 
 @click.command(cls=_Run, epilog=EXIT_CODES)

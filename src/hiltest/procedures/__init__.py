@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hiltest.procedures.angle_errors import limits_out_of_reach
 from hiltest.procedures.budget import Effort, EffortKind, effort_curve, largest_effort_within
 from hiltest.procedures.calibrate import (
     UNCALIBRATED,
@@ -101,6 +102,7 @@ __all__ = [
     "heading_errors_deg",
     "held_as_taken",
     "largest_effort_within",
+    "limits_out_of_reach",
     "log_gyroscope",
     "measure_accelerometer_rest",
     "measure_cycles",

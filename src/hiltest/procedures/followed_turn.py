@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
 Reals = NDArray[np.float64]
 
-# A hand changes its rate by at most 200 deg/s in this time: 10 degrees of error if the rate between is a straight line.
-_LONGEST_GAP_S = 0.4
+# A hand changes its rate by at most 200 deg/s in 0.4 s: 10 degrees of error if the rate between is a straight line. The
+# error grows with the square of the gap, and those of several gaps are independent.
+_LONGEST_GAP_S, _GAP_DEG_PER_S2 = 0.4, 10.0 / 0.4**2
 # Error of the scale of an uncalibrated gyroscope, and of its bias after 0.3 s at rest with 0.1 dps/sqrt(Hz), k = 2.
 _SCALE, _BIAS_DPS = 0.1, 0.3
 
@@ -36,7 +37,7 @@ class FollowedTurn:
         self._turn: Rotation | None = None
         self._bias_dps = np.zeros(3)
         self._last: tuple[float, Reals] | None = None
-        self._path_deg = self._time_s = 0.0
+        self._path_deg = self._time_s = self._gaps_deg2 = 0.0
 
     def stand(self, times_s: ArrayLike, rates_dps: ArrayLike) -> None:
         """Take the mean of samples of a board that stood, since the last that were added, as the bias from now on."""
@@ -50,7 +51,7 @@ class FollowedTurn:
         from scipy.spatial.transform import Rotation
 
         self._turn = None if self._last is None else Rotation.identity()
-        self._path_deg = self._time_s = 0.0
+        self._path_deg = self._time_s = self._gaps_deg2 = 0.0
 
     def add(self, times_s: ArrayLike, rates_dps: ArrayLike) -> None:
         """Add samples: times [s], rates of shape (n, 3) [deg/s]."""
@@ -68,6 +69,7 @@ class FollowedTurn:
             self._turn = Rotation.from_rotvec(-step_deg, degrees=True) * self._turn
             self._path_deg += float(np.linalg.norm(step_deg))
         self._time_s += float(steps_s.sum())
+        self._gaps_deg2 += float(np.sum((_GAP_DEG_PER_S2 * steps_s**2) ** 2))
         self._last = float(times[-1]), rates[-1]
 
     def turned_deg(self, before: Pose) -> float | None:
@@ -80,5 +82,5 @@ class FollowedTurn:
     def contradicts(self, before: Pose, asked_deg: float) -> bool:
         """Return whether the turn differs from that of the scale by more than the gyroscope's own error."""
         turned_deg = self.turned_deg(before)
-        error_deg = math.hypot(_SCALE * self._path_deg, _BIAS_DPS * self._time_s)
+        error_deg = math.hypot(_SCALE * self._path_deg, _BIAS_DPS * self._time_s, math.sqrt(self._gaps_deg2))
         return turned_deg is not None and abs(wrap_180(turned_deg - asked_deg)) > LEAST_TURN_DEG + error_deg

@@ -28,7 +28,7 @@ _SIDES = (("nose", "tail"), ("right side", "left side"), ("underside", "top"))
 
 
 def turn_fault(asked: tuple[Reals, Reals], read: tuple[Reals, Reals], turned_deg: float) -> str:
-    """Describe a turn between two poses that the field does not confirm; empty if it does.
+    """Describe the turn between two poses by the field [deg], if it contradicts the scale; empty if it does not.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def turn_fault(asked: tuple[Reals, Reals], read: tuple[Reals, Reals], turned_deg
         return ""
     diameter = expected / math.sin(math.radians(abs(turned_deg)) / 2.0)
     field_deg = math.degrees(2.0 * math.asin(min(1.0, actual / diameter)))
-    return f"the scale says that the board turned by {abs(turned_deg):.0f} deg, its magnetometer {field_deg:.0f}"
+    return f"its magnetometer shows {field_deg:.0f}"
 
 
 def setting_errors_deg(field: Reals, gravity: Reals, read: Reals, uncertainty_deg: float) -> dict[int, float]:

@@ -32,7 +32,7 @@ _ACCELEROMETER_NOISE_MG = 1.3
 _NAMED_AT_MOST = 3
 BEGINS_ANEW = "A run that is stopped begins anew: this firmware does not say whether it is then the same.\n"
 """Note before the first question about firmware that does not identify its build or its calibration."""
-_KEEPS = "type k if it was turned"
+_KEEPS = "keep the reading (k)"
 _ORDERS = (
     f"{AXES_IN_WORDS} Pitch + lifts the nose, roll + lowers the right side.\n"
     "Enter takes the heading at the angle that is asked for, a number says which angle was really reached; "
@@ -323,7 +323,11 @@ class _HandReadings(Generic[Taken]):
             self._doubted, self._doubts = (at, place), self._doubts + 1
             if self._doubts == QUESTIONS:
                 raise OperatorAbsentError(f"{QUESTIONS} times in a row {fault}: is an operator there?")
-            return f"{fault}. Turn the board and press Enter, or {_KEEPS}: then its sensor is wrong.\n"
+            asked = f"{self._poses[at].heading_deg:g}"
+            return (
+                f"{fault}. Set the board to heading {asked} and press Enter, or enter the heading of the scale. If the "
+                f"scale shows {asked}, {_KEEPS}: then a sensor is wrong.\n"
+            )
         self._doubts = 0
         self.readings[at] = place
         self.walk.decision = self._decide(self.readings)
@@ -349,21 +353,28 @@ class _HandReadings(Generic[Taken]):
         turned_deg = wrap_180(after.heading_deg - before.heading_deg)
         if (before.pitch_deg, before.roll_deg) != (after.pitch_deg, after.roll_deg):
             return ""
-        fault = ""
+        shown = []
         if read[0] is not None and read[1] is not None and reader.has_known_scale and abs(turned_deg) >= LEAST_TURN_DEG:
             known_fields = reader.field_at(before), reader.field_at(after)
-            fault = turn_fault(known_fields, (read[0], read[1]), turned_deg)
+            shown.append(turn_fault(known_fields, (read[0], read[1]), turned_deg))
         if reader.turn.contradicts(_pose(before), turned_deg):
-            scale = fault or f"the scale says that the board turned by {turned_deg:+.0f} deg"
-            return f"{scale}, its gyroscope {round(reader.turn.turned_deg(_pose(before)) or 0.0):+d}"
-        return fault
+            shown.append(f"its gyroscope shows {round(reader.turn.turned_deg(_pose(before)) or 0.0):+d}")
+        sensors = " and ".join(filter(None, shown))
+        turn = f"heading {after.heading_deg:g} is a turn of {turned_deg:+.0f} deg from pose {last + 1}"
+        return f"{turn}, but {sensors}" if sensors else ""
 
     def glance(self) -> Glance:
         """Return the board as its sensors show it, with its turn since the last known angle."""
-        glance = self._reader.glance()
-        if not self.walk.taken:
+        glance, walk, turn = self._reader.glance(), self.walk, self._reader.turn
+        if not walk.taken:
             return glance
-        return glance._replace(turned_deg=self._reader.turn.turned_deg(_pose(self.readings[self.walk.taken[-1]][0])))
+        before = _pose(self.readings[walk.taken[-1]][0])
+        turned_deg = turn.turned_deg(before)
+        is_wrong = walk.at is not None and turn.contradicts(
+            before, self._poses[walk.at].heading_deg - before.heading_deg
+        )
+        stands = not glance.moves and abs(turned_deg or 0.0) >= LEAST_TURN_DEG
+        return glance._replace(turned_deg=turned_deg, is_wrong_turn=is_wrong and stands)
 
     def asked_deg(self, heading_deg: float) -> float | None:
         """Return the turn from the last known angle to a heading; None without one."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from hiltest.boards.board import Board
 from hiltest.procedures.grbl_turntable import open_grbl_turntable
 from hiltest.procedures.requested_headings import RequestReader
-from hiltest.procedures.turntables import ShowPoints, Turntable, ignore_points, open_turntable
+from hiltest.procedures.turntables import Turntable, open_turntable
 from hiltest.rig import Rig
 from hiltest.tape.tape import LIVE, Tape
 
@@ -18,7 +19,7 @@ def open_table(
     *,
     prompt: Callable[[str], str] | None = None,
     tape: Tape = LIVE,
-    show_points: ShowPoints = ignore_points,
+    **shown: Any,
 ) -> Turntable:
     """Return the turntable: motors, the simulated table of a virtual board, or an operator.
 
@@ -28,8 +29,8 @@ def open_table(
         Shows a text to the operator and returns the line that was typed, as `input` does.
     tape
         Records the questions to motors and operator, or answers them from a recording.
-    show_points
-        See `OperatorTurntable`.
+    shown
+        Further arguments of `OperatorTurntable`.
 
     Raises
     ------
@@ -58,5 +59,5 @@ def open_table(
         tumble_s=rig.turntable.tumble_s,
         look=reader.glance if reader and tape is LIVE else None,
         may_look=tape is LIVE,
-        show_points=show_points,
+        **shown,
     )

@@ -24,6 +24,8 @@ class Glance(NamedTuple):
     """rms noise of its sensors with their units; empty if unknown."""
     turned_deg: float | None = None
     """Turn about the vertical since the last known angle, by the gyroscope; None if unknown."""
+    is_wrong_turn: bool = False
+    """True if the board stands after another turn than the requested one."""
 
     def __str__(self) -> str:
         """Return the text beside the question."""
@@ -87,6 +89,12 @@ class Question(str):
         question = super().__new__(cls, text)
         question.live, question.pose, question.asked_deg = live, pose, asked_deg
         question.wishes, question.takes_heading = wishes, takes_heading
+        return question
+
+    def after(self, remark: str) -> Question:
+        """Return the question with a text before it."""
+        question = Question(remark + self)
+        vars(question).update(vars(self))
         return question
 
     live: Callable[[], str] | None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +31,7 @@ from hiltest.link.gyroscope import (
 from hiltest.link.replies import DPS_PER_COUNT, SAMPLE_RATE_HZ, RunCost
 from hiltest.measurement import CycleRange
 from hiltest.procedures.progress import Progress, silent
-from hiltest.procedures.rest import noise_counts, rest_gyroscope
+from hiltest.procedures.rest import BoardMovedError, noise_counts, rest_gyroscope
 from hiltest.procedures.turntables import Turntable
 
 Reals = NDArray[np.float64]
@@ -125,7 +124,7 @@ def measure_turn(
     rest_s: float,
     progress: Progress | None = None,
 ) -> MeasuredTurn:
-    """Rest, turn about a mounted axis, and rest again.
+    """Rest, turn about a mounted axis, and rest again; an operator who slips is asked for the turn up to three times.
 
     Parameters
     ----------
@@ -147,11 +146,14 @@ def measure_turn(
     TurnInvalidError
         When samples were lost, or the turn was not as requested.
     """
-    # A simulated table does not wait for a line with faults, so a missed turn is repeated. Faulty firmware fails each
-    # time.
-    for _ in range(_TURNS - 1 if board.stage is not None and not board.line_is_exact else 0):
-        with suppress(TurnInvalidError):
+    # An operator may slip, and a simulated table does not wait for a line with faults. Faulty firmware fails each time.
+    may_be_late = board.stage is not None and not board.line_is_exact
+    for _ in range(_TURNS - 1):
+        try:
             return _one_turn(board, turntable, axis, degrees, rate_dps, rest_s, progress or silent)
+        except (BoardMovedError, TurnInvalidError) as error:
+            if not (turntable.again(str(error)) or may_be_late):
+                raise
     return _one_turn(board, turntable, axis, degrees, rate_dps, rest_s, progress or silent)
 
 
@@ -206,18 +208,18 @@ def _refuse_unusable(axis: Axis, turning: IntegrateGyroscopeReply, bias: Reals, 
     limit = _EDGE_SIGMAS * noise / math.sqrt(EDGE_SAMPLES)
     for total, when in ((turning.begin, "it had begun before the first"), (turning.end, "it was not over at the last")):
         if (np.abs(total / EDGE_SAMPLES - bias) > limit).any():
-            raise TurnInvalidError(f"{invalid}: {when} sample. Begin at the prompt, and be back in time")
+            raise TurnInvalidError(f"{invalid}: {when} sample. Begin after Enter, and be back in time")
 
 
 def _refuse_wrong_turn(axis: Axis, turn: GyroscopeTurn) -> None:
     felt_deg = NOMINAL_DPS_PER_COUNT * turn.integral
     degrees = float(turn.turned_deg[axis])
     if np.linalg.norm(felt_deg - turn.turned_deg) > _PLAUSIBLE * abs(degrees):
-        felt, name = ", ".join(f"{angle_deg:+.0f}" for angle_deg in felt_deg), axis.name.lower()
+        measured, name = ", ".join(f"{angle_deg:+.0f}" for angle_deg in felt_deg), axis.name.lower()
         raise TurnInvalidError(
-            f"the turn about {name} is invalid: the gyroscope felt ({felt}) deg about x, y, z where {degrees:+g} about "
-            f"{name} were asked for. Check that this axis points down, that the table was turned once and in this "
-            "sense, and the firmware's mapping of the sensor's axes and signs"
+            f"the turn about {name} is invalid: the gyroscope measured ({measured}) deg about x, y, z, and the table "
+            f"was to turn by {degrees:+g} about {name}. Check that {name} points down, that the table turned by this "
+            "angle (+ is clockwise from above), and the firmware's axes and signs of the gyroscope"
         )
 
 

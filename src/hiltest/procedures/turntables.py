@@ -210,6 +210,8 @@ class OperatorTurntable:
         True if the board may be read while a question waits: a recording has no place for it.
     show_points
         Shows a tumble.
+    remark
+        Text before the first question; empty or whole lines.
     """
 
     name = "operator"
@@ -224,8 +226,9 @@ class OperatorTurntable:
         look: Callable[[], Glance] | None = None,
         may_look: bool = True,
         show_points: ShowPoints = ignore_points,
+        remark: str = "",
     ) -> None:
-        self._prompt = prompt
+        self._prompt, self._remark = prompt, remark
         self._look = look
         self.may_look, self.show_points = may_look, show_points
         self._shows_coverage = shows_coverage
@@ -310,8 +313,8 @@ class OperatorTurntable:
         return takes_s
 
     def again(self, why: str) -> bool:
-        """Ask for the position once more; Ctrl-C refuses."""
-        self.ask(f"{why}. Enter to do it again, Ctrl-C to end: ")
+        """Put the reason before the next question, which asks for the position once more."""
+        self._remark = f"{why}.\n"
         return True
 
     def close(self) -> None:
@@ -332,6 +335,7 @@ class OperatorTurntable:
         """
         if not isinstance(question, Question):
             question = Question(question, self._look and self._live, pose=pose)
+        question, self._remark = question.after(self._remark), ""
         try:
             return self._prompt(question)
         except EOFError:

@@ -13,9 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from hiltest import __version__
-from hiltest.measurement import KINDS, Outcome, identify
+from hiltest.measurement import KINDS, UNDECIDED, Outcome, identify
 from hiltest.report.markdown_text import folded, plain_text, table
-from hiltest.report.page import render
+from hiltest.report.page import badge_of, render
+from hiltest.run_record.exit_codes import outcome_of
 from hiltest.run_record.files import REPORT_FILE
 from hiltest.run_record.run import Verdict
 from hiltest.text import number
@@ -23,6 +24,7 @@ from hiltest.verdict.calibrators import UNCALIBRATED
 
 # Measurements on the terminal: accuracy and cost of each calibrator.
 _APART = ("spread", "deviation", "Cpk")
+_SIGNS = {"": "", "bad": " ✗", "warn": " ?"}
 _HEADLINES = (KINDS["heading.{calibrator}.max"], KINDS["cycles.{calibrator}.total"])
 
 
@@ -39,6 +41,11 @@ class BoardLine:
     """Sentence of its verdict, or its last output if it has none."""
     firmware: str = ""
     """Firmware; empty if no board answered."""
+
+    @property
+    def outcome(self) -> str:
+        """Outcome of the run by its exit code."""
+        return outcome_of(self.exit_code)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +72,16 @@ class Apart:
         """True if a board has a limit for it."""
         return any(outcome not in (Outcome.INFORMATION, Outcome.NOT_OFFERED) for outcome in self.outcomes.values())
 
+    def tone(self, board: str) -> str:
+        """Return the class of its cell in the style sheet; empty without an objection."""
+        outcome = self.outcomes.get(board)
+        return "bad" if outcome is Outcome.FAIL else "warn" if outcome in UNDECIDED else ""
+
     def cell(self, board: str) -> str:
-        """Return its value on a board as text, with a cross if it is beyond its limit."""
+        """Return its value on a board as text, with a sign if it is beyond its limit, or if that is not known."""
         if board not in self.values:
             return ""
-        sign = " ✗" if self.outcomes[board] is Outcome.FAIL else ""
-        return number(self.values[board], self.unit) + sign
+        return number(self.values[board], self.unit) + _SIGNS[self.tone(board)]
 
     @property
     def apart(self) -> tuple[str, str, str]:
@@ -93,6 +104,7 @@ def boards_html(verdict: Verdict, boards: Sequence[BoardLine], apart: Sequence[A
         others=others,
         columns=_APART,
         report=REPORT_FILE,
+        badge_of=badge_of,
         version=__version__,
     )
 
@@ -108,6 +120,7 @@ def boards_table(boards: Sequence[BoardLine], apart: Sequence[Apart]) -> str:
     file = io.StringIO()
     rows = csv.writer(file, lineterminator="\n")
     rows.writerow(["measurement", "unit", "spread", "mean", "deviation", "cpk", *names])
+    rows.writerow(["verdict", "", "", "", "", "", *(board.outcome for board in boards)])
     rows.writerow(["exit code", "", "", "", "", "", *(board.exit_code for board in boards)])
     for row in apart:
         statistics = row.spread, row.mean, row.deviation, row.cpk

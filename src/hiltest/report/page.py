@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from urllib.parse import quote
@@ -12,6 +13,19 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hiltest.text import legible
+
+
+@dataclass(frozen=True, slots=True)
+class Badge:
+    """Look of a verdict: a class of the style sheet, and a sign for readers who do not see its colour."""
+
+    tone: str
+    sign: str
+
+
+# "not judged" occurs in older records.
+_NO_ANSWER = ("not evaluated", "not judged", "interrupted", "no tests")
+_BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn", "!"))
 
 _SCRIPT = Path(__file__).with_name("rows.js").read_text(encoding="utf-8")
 _SCRIPT_HASH = b64encode(sha256(_SCRIPT.encode()).digest()).decode()
@@ -37,6 +51,11 @@ def render(template: str, *, package: str = "hiltest.report", **content: object)
     environment.globals["script_hash"] = _SCRIPT_HASH
     environment.filters["beside"] = _relative_address
     return environment.get_template(template).render(**content)
+
+
+def badge_of(outcome: str) -> Badge:
+    """Return the look of a verdict by its outcome; an outcome that is neither a pass nor missing is bad."""
+    return _BADGES.get(outcome, Badge("bad", "✗"))
 
 
 def _make_visible(value: object) -> object:

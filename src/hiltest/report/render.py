@@ -14,7 +14,7 @@ from hiltest.report.figures.heading import failed_heading, heading_group
 from hiltest.report.figures.inertial import accelerometer_group, gyroscope_group
 from hiltest.report.figures.samples import samples_group
 from hiltest.report.markdown import markdown_report
-from hiltest.report.page import render
+from hiltest.report.page import badge_of, render
 from hiltest.report.terminal import (
     CHANGE_SEEN,
     INCOMPLETE,
@@ -33,19 +33,6 @@ from hiltest.verdict.compare import changes_seen
 from hiltest.verdict.summary import Failure, Summary, cost_line, expected_line, summarise
 from hiltest.verdict.verdict import headline
 
-
-@dataclass(frozen=True, slots=True)
-class Badge:
-    """Look of the verdict: a class of the style sheet, and a sign for readers who do not see its colour."""
-
-    tone: str
-    sign: str
-
-
-_BAD = Badge("bad", "✗")
-# "not judged" occurs in older records.
-_NO_ANSWER = ("not evaluated", "not judged", "interrupted", "no tests")
-_BADGES = {"pass": Badge("good", "✓")} | dict.fromkeys(_NO_ANSWER, Badge("warn", "!"))
 # Sign and spoken words beside a limit, by the class of the cell.
 _PASSED = (TestOutcome.PASSED, TestOutcome.XFAILED, TestOutcome.SKIPPED)
 _SIGNS = {"pass": ("✓", "within its limit:"), "fail": ("✗", "beyond its limit:"), "unset": ("?", "not evaluated:")}
@@ -83,7 +70,7 @@ def html_report(run: Run) -> str:
         "report.html.j2",
         run=run,
         version=__version__,
-        badge=_BADGES.get(run.verdict.outcome, _BAD),
+        badge=badge_of(run.verdict.outcome),
         tally=overview.tally(run),
         board_line=overview.board_line(run),
         coverage_line=coverage_line(run.coverage) if run.coverage else "",

@@ -42,6 +42,11 @@ PYTEST_WINS = tuple(ExitCode)[: [*ExitCode].index(ExitCode.FAILED)]
 """Codes of a run that did not come to its end."""
 
 
+def outcome_of(code: int) -> str:
+    """Return the outcome of a run by its exit code, which a plugin of pytest may have chosen."""
+    return {int(exit_code): word for exit_code, word in WORDS.items()}.get(code, f"exit code {code}")
+
+
 def comparison_code(comparison: Comparison) -> ExitCode:
     """Return the exit code of a comparison alone: a gate that could not be evaluated does not pass."""
     if comparison.failed:

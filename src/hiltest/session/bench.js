@@ -3,10 +3,11 @@
 const NEWS_MS = 250, LOST_AFTER = 8, TAU = 2 * Math.PI;
 const at = id => document.getElementById(id);
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
-let news = {question: 0, asks: false}, shown = 0, unanswered = 0;
+let news = {question: 0, asks: false}, shown = 0, unanswered = 0, stopped = false;
 
 async function answer(text) {
-  if (!news.asks) return;
+  if (!news.asks && text !== "quit") return;
+  stopped = text === "quit";
   const body = JSON.stringify({question: news.question, answer: text});
   news.asks = false;
   enable();
@@ -15,7 +16,8 @@ async function answer(text) {
 
 function enable() {
   for (const button of document.querySelectorAll("button")) button.disabled = !news.asks;
-  at("enter").textContent = news.asks ? "Enter" : "measuring";
+  at("stop").disabled = stopped;
+  at("enter").textContent = news.asks ? "Enter" : stopped ? "stopping" : "measuring";
 }
 
 function words(question) {
@@ -40,15 +42,19 @@ function show() {
     shown = news.question;
     words(news);
   }
-  if (!news.asks && news.progress) at("request").textContent = news.progress;
+  if (!news.asks && news.progress) {
+    at("request").textContent = news.progress;
+    at("notes").replaceChildren();
+  }
   enable();
   at("live").textContent = news.asks ? news.live || "" : "";
   at("still").textContent = news.board ? news.moves ? "moving" : "still" : "unknown";
   at("noise").textContent = news.noise || "unknown";
   at("asked").textContent = degrees(news.asked_deg);
   at("turned").textContent = degrees(news.turned_deg);
-  at("turned").className = contradicts() ? "fail" : "";
+  at("turned").className = news.is_wrong_turn ? "fail" : "";
   at("sphere").hidden = !news.sphere;
+  document.querySelector("main").classList.toggle("tumbles", !news.ghost);
   if (news.sphere) {
     at("hole").textContent = news.sphere.words;
     drawSphere(at("sphere").querySelector("canvas"), news.sphere);
@@ -56,18 +62,20 @@ function show() {
   drawBoard(at("view").querySelector("canvas"));
   if (news.ended) {
     at("verdict").hidden = false;
-    at("verdict").className = `verdict ${news.ended.outcome === "pass" ? "good" : "bad"}`;
+    at("verdict").className = `verdict ${news.ended.tone}`;
     at("verdict").querySelector("h1").textContent = news.ended.outcome.toUpperCase();
-    at("verdict").querySelector("p").textContent = news.ended.sentence.replace(/^[A-Z ]+\. /, "");
+    at("verdict").querySelector("p").textContent = news.ended.sentence.replace(/^[A-Z ]+[.:] /, "");
     words({});
-    at("enter").hidden = at("answers").hidden = true;
+    at("enter").hidden = at("answers").hidden = at("live").hidden = true;
+    keepReport();
   }
 }
 
-function contradicts() {
-  if (news.moves || typeof news.turned_deg !== "number" || typeof news.asked_deg !== "number" || Math.abs(news.turned_deg) < 10) return false;
-  const apart = Math.abs(news.turned_deg - news.asked_deg) % 360;
-  return Math.min(apart, 360 - apart) > 10 + 0.1 * Math.abs(news.asked_deg);
+// The server ends with the run: the browser keeps the report.
+async function keepReport() {
+  const page = await (await fetch("report.html")).blob();
+  at("report").href = URL.createObjectURL(page);
+  at("report").hidden = false;
 }
 
 function canvasOf(canvas) {

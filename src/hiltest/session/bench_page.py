@@ -7,10 +7,12 @@ import json
 import socket
 import threading
 import time
+from _thread import interrupt_main
 from collections import deque
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -22,8 +24,10 @@ from hiltest.orientation.angles import Pose, rotation_rows
 from hiltest.procedures.coverage import directions_of, hole_in_words, largest_uncovered_cap
 from hiltest.procedures.questions import Live, Question, attitude_by
 from hiltest.procedures.turntables import ShowPoints
-from hiltest.report.page import render
+from hiltest.report.page import badge_of, render
 from hiltest.rig import Rig
+from hiltest.run_record.files import REPORT_FILE
+from hiltest.run_record.run import Verdict
 
 _LONGEST_ANSWER = 200
 _STOP = "quit"
@@ -43,6 +47,9 @@ class BenchPage:
     Attributes
     ----------
     url : str
+    report : bytes
+        Page of the report, which a browser keeps when this server has ended; empty before the end.
+    report_sent : threading.Event
 
     Raises
     ------
@@ -60,7 +67,8 @@ class BenchPage:
         self._answer: str | None = None
         self._wishes: tuple[str, ...] = ()
         self._asked_for_news_s = -_NEWS_S
-        self._ended_shown = threading.Event()
+        self._is_stopped = False
+        self.report, self.report_sent = b"", threading.Event()
         self._server = _Server(listener, self)
         threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
 
@@ -71,7 +79,7 @@ class BenchPage:
         with self._lock:
             self._answer = None
             self._state = {
-                **{name: value for name, value in self._state.items() if name in ("sphere", "rig")},
+                **{name: value for name, value in self._state.items() if name == "sphere"},
                 "question": self._state["question"] + 1,
                 "asks": True,
                 "lines": [line.strip().removesuffix(":") for line in lines],
@@ -79,6 +87,7 @@ class BenchPage:
                 "takes_heading": question.takes_heading,
                 "ghost": _rows(question.pose),
                 "asked_deg": question.asked_deg,
+                "live": "" if question.live else "no live view of the board during this question",
             }
 
     def look(self, live: str) -> None:
@@ -90,6 +99,7 @@ class BenchPage:
             moves=bool(glance and glance.moves),
             noise=glance.noise if glance else "",
             turned_deg=glance and glance.turned_deg,
+            is_wrong_turn=bool(glance and glance.is_wrong_turn),
         )
 
     def answer(self) -> str | None:
@@ -133,11 +143,13 @@ class BenchPage:
 
         return show
 
-    def end(self, outcome: str, sentence: str) -> None:
-        """Show the verdict, and wait shortly until a browser that is there has it."""
-        self._update(asks=False, progress="", ended={"outcome": outcome, "sentence": sentence})
+    def end(self, verdict: Verdict, report: Path) -> None:
+        """Show the verdict with a link to the report, and wait shortly until a browser that is there has both."""
+        self.report = report.read_bytes()
+        ended = {"outcome": verdict.outcome, "sentence": verdict.sentence, "tone": badge_of(verdict.outcome).tone}
+        self._update(asks=False, progress="", ended=ended)
         if time.monotonic() - self._asked_for_news_s < _NEWS_S:
-            self._ended_shown.wait(_NEWS_S)
+            self.report_sent.wait(_NEWS_S)
 
     def close(self) -> None:
         """Stop serving."""
@@ -148,17 +160,23 @@ class BenchPage:
         """Return the state of the run as JSON, for a browser."""
         with self._lock:
             self._asked_for_news_s = time.monotonic()
-            if "ended" in self._state:
-                self._ended_shown.set()
             return json.dumps(self._state).encode()
 
     def take_answer(self, question: object, answer: object) -> bool:
-        """Accept the first answer to the question that is shown; return whether it was that."""
+        """Accept the first answer to the question that is shown; return whether it was that.
+
+        An operator may stop at any time: between two questions the run is interrupted, as by Ctrl-C.
+        """
         with self._lock:
             is_ours = self._state["asks"] and question == self._state["question"] and isinstance(answer, str)
             if is_ours and self._answer is None:
                 self._answer = str(answer)
-            return bool(is_ours)
+            stops = answer == _STOP and not self._is_stopped and "ended" not in self._state
+            self._is_stopped |= stops
+            interrupts = stops and self._answer != _STOP
+        if interrupts:
+            interrupt_main()
+        return bool(is_ours or stops)
 
     def path_of(self, headers: Any, path: str) -> str | None:
         """Return the part of a path behind the secret; None if a caller may not come in.
@@ -209,6 +227,9 @@ class _Handler(BaseHTTPRequestHandler):
             self._send((files("hiltest.session") / path).read_bytes(), "text/javascript; charset=utf-8")
         elif path == "state":
             self._send(page.news(), "application/json")
+        elif path == REPORT_FILE and page.report:
+            self._send(page.report, "text/html; charset=utf-8")
+            page.report_sent.set()
         else:
             self.send_error(HTTPStatus.FORBIDDEN if path is None else HTTPStatus.NOT_FOUND)
 

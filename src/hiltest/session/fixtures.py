@@ -173,12 +173,18 @@ def board(request: pytest.FixtureRequest) -> Board:
 @pytest.fixture(scope="session")
 def turntable(request: pytest.FixtureRequest, rig: Rig) -> Iterator[Turntable]:
     """The turntable: simulated on a virtual board, an operator or motors on a real one."""
-    from hiltest.procedures import open_table
+    from hiltest.procedures import limits_out_of_reach, open_table
 
     session = _session(request)
     shown = {} if session.page is None else {"show_points": session.page.show_points(rig)}
+    remark = limits_out_of_reach(rig, rig.procedure.known_angle_poses(session.settings.poses))
     table = open_table(
-        session.connect(), rig, prompt=lambda text: _ask(request.config, text), tape=session.tape, **shown
+        session.connect(),
+        rig,
+        prompt=lambda text: _ask(request.config, text),
+        tape=session.tape,
+        remark=remark,
+        **shown,
     )
     yield table
     table.close()

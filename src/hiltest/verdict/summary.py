@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from shlex import quote
+from statistics import median
 
 from hiltest.errors import LIKELY_CAUSE
 from hiltest.measurement import (
@@ -39,6 +40,9 @@ _OF_DOUBT = (
     "Set and read the angles more precisely, and update uncertainty_deg under [turntable] and [mounting] in "
     "the rig: a value closer to its limit than U proves nothing."
 )
+
+_SAME_DEG = 0.5
+"""Calibrators that measured the same points differ in their mean errors by less, unless one of them is wrong."""
 
 _OF_CALIBRATORS = (Section.HEADING, Section.FIT)
 
@@ -126,6 +130,7 @@ def summarise(run: Run | Findings) -> Summary:
     differences = run.comparison.differences if run.comparison and (failed or broken) else ()
     worse = run.comparison.differences_with(Change.WORSE)[:1] if run.comparison and run.comparison.regression else ()
     settings = [entry(difference) for difference in differences if difference.is_changed_setting]
+    mounting = _mounting_advice(unset, measurements)
     return Summary(
         failures=tuple(failures),
         causes=(*settings, *in_messages, *distinct.values()),
@@ -138,10 +143,10 @@ def summarise(run: Run | Findings) -> Summary:
                     *in_messages.values(),
                     *(cause.advice for cause in [*of_failures, *causes.values()]),
                     *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
-                    *([_OF_DOUBT] if near else []),
+                    *([mounting or _OF_DOUBT] if near else []),
                     *(identify(difference.name).next_step for difference in worse if not failed and not broken),
                     *(_repeat_test(test) for test in broken[:1] if not failed and not causes),
-                    *([_OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
+                    *([mounting or _OF_UNSET] if len(unset) > len(near) and not failed and not broken else []),
                 )
             )
         ),
@@ -154,6 +159,19 @@ def summarise(run: Run | Findings) -> Summary:
         ),
         as_read=heading_as_read(measurements),
         close=close_to_limit(measurements),
+    )
+
+
+def _mounting_advice(unset: Sequence[Measurement], measurements: Sequence[Measurement]) -> str:
+    """Return the advice to correct the mounting if all undecided headings err by one angle; empty otherwise."""
+    names = {f"heading.{measurement.subject}.bias" for measurement in unset if measurement.section is Section.HEADING}
+    values = [float(measurement.value or 0.0) for measurement in measurements if measurement.name in names]
+    doubt_deg = max([_SAME_DEG, *(measurement.uncertainty or 0.0 for measurement in unset)])
+    if not values or min(map(abs, values)) <= doubt_deg or max(values) - min(values) > _SAME_DEG:
+        return ""
+    return (
+        f"All headings are off by {median(values):+.2f} deg in the mean: if the board sits on its table like this, add "
+        "this angle to yaw_deg under [mounting] in the rig (0 if it has none)."
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from hiltest.errors import LIKELY_CAUSE
 from hiltest.measurement import UNDECIDED, Limit, Measurement, Outcome, Reference, Section, identify
 from hiltest.run_record.comparison import Change, Comparison
-from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code
+from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code, outcome_of
 from hiltest.run_record.failures import group_by_reason, out_of_limit, tests_in_words, tests_named
 from hiltest.run_record.outcomes import RED, TestOutcome
 from hiltest.run_record.run import Findings, Run, TestResult, Verdict
@@ -63,8 +63,7 @@ def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = ()
         record states a choice (`Run.chosen`), and is compared with runs of the same choice.
     """
     code = exit_code(findings, pytest_exit=pytest_exit)
-    is_known = code in list(ExitCode)
-    word = WORDS[ExitCode(code)] if is_known else f"exit code {code}"
+    word = outcome_of(code)
     not_met = left_out and not findings.chosen
     return Verdict(
         outcome=word,
