@@ -26,9 +26,10 @@ from tests.hostile_elf import (
 from tests.input_budgets import Meter
 from tests.test_fuzzed_inputs import read_debug_information
 
-from hiltest.budgets import DEBUG, HEX, INTERVALS, PATTERN, RECORD, RECORDING, RIG, Budget
+from hiltest.budgets import DEBUG, HEX, INTERVALS, PATTERN, RECORD, RECORDING, RIG, STREAM, Budget
 from hiltest.errors import ConfigError
 from hiltest.interfaces.text_lines import Pattern, written_out_size
+from hiltest.link import grbl
 from hiltest.virtual.program.elf import FirmwareImage
 from hiltest.virtual.program.signatures import Element, Pointed
 
@@ -207,6 +208,11 @@ def test_small_debug_information_that_grows_as_it_is_read_stays_within_its_budge
     meter, size = Meter(), len(content)
     with suppress(ConfigError):  # without lines there is no coverage
         meter.read(lambda: read_debug_information(content), DEBUG, size)
+
+
+def test_a_status_of_the_turntable_with_many_digits_is_read_within_the_budget_of_a_port() -> None:
+    text = f"<Idle|MPos:{'9' * 32_000}"
+    assert Meter().read(lambda: grbl._status(text), STREAM, len(text)) is None
 
 
 def test_structs_in_structs_have_the_numbers_of_the_innermost() -> None:

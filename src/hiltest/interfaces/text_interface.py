@@ -21,7 +21,7 @@ _LONGEST_ERROR = 200
 _DAMAGED = "a line has a wrong check sum"
 _READY = np.ones(1)
 # float() would also accept nan, infinity, 1_000 and digits of other scripts.
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 # Magnitudes that no sensor measures, by unit: two turns; a tenth of a tesla; above the sensors for the largest shocks
 # and rates.
 _LARGEST = {"deg": 720.0, "uT": 1e5, "g": 1e3, "dps": 1e5, "degC": 1e3, "%": 1e5, "": 1e6}

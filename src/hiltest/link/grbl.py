@@ -22,8 +22,8 @@ _LONGEST_S = 600.0
 _LOOK_EVERY_S = 0.25
 _QUIET_S = 0.2
 
-_STATUS = re.compile(r"<([A-Za-z]+)(?::\d+)?\|MPos:(-?\d+\.?\d*),(-?\d+\.?\d*),(-?\d+\.?\d*)(?:\||,|>)")
-_SETTING = re.compile(r"\$(\d+)=(-?\d+\.?\d*)")
+_STATUS = re.compile(r"<([A-Za-z]+)(?::\d+)?\|MPos:(-?\d+(?:\.\d*)?),(-?\d+(?:\.\d*)?),(-?\d+(?:\.\d*)?)(?:\||,|>)")
+_SETTING = re.compile(r"\$(\d+)=(-?\d+(?:\.\d*)?)")
 _MEANINGS = {
     "error:5": "homing is disabled in the controller ($22)",
     "error:8": "it is not idle",
