@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,16 @@ def test_numbers_that_are_not_finite_are_not_blamed_on_the_points_alone(
     np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
     assert run("fit", str(tmp_path / "points.csv"), "--calibrator", "endless", "--on", "host") == 1
     assert "numbers that are not finite" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_output_of_a_calibrator_is_no_part_of_the_document(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
+    run("fit", str(tmp_path / "points.csv"), "--calibrator", "loud", "--json")
+    output, errors = capsys.readouterr()
+    assert json.loads(output)["best"] == "loud"
+    assert "iteration 1" in errors
 
 
 def test_a_name_that_hiltest_and_a_package_have_is_refused_if_it_is_requested(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
@@ -49,7 +51,8 @@ class OwnCalibrator:
         """
         points = points_array(points_counts)
         try:
-            answer = self.calibrate(points / _COUNTS_PER_UT)
+            with contextlib.redirect_stdout(sys.stderr):  # standard output is the command's, which may be JSON
+                answer = self.calibrate(points / _COUNTS_PER_UT)
         except Exception as error:  # a user's function may raise anything
             raise ConfigError(f"{self.origin} raises {type(error).__name__}: {error}") from error
         if answer is None:
@@ -105,8 +108,9 @@ def own_calibrator(name: str) -> OwnCalibrator | None:
         version = f"{package.name} {package.version}" if package else "an unknown distribution"
         origin = f"the calibrator {name} of {version} ({entry_point.value})"
         try:
-            loaded = entry_point.load()
-            calibrate = loaded() if isinstance(loaded, type) else loaded
+            with contextlib.redirect_stdout(sys.stderr):
+                loaded = entry_point.load()
+                calibrate = loaded() if isinstance(loaded, type) else loaded
         except Exception as error:  # a user's module may raise anything
             raise ConfigError(f"{origin} cannot be loaded, {type(error).__name__}: {error}") from error
         if not callable(calibrate):
