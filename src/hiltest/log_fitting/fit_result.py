@@ -223,7 +223,7 @@ class SampleFit:
     """Readings without calibration. Their direction error is the rms angle to those of the best calibration by norms
     alone; None if that is refused, or fits a turn."""
     gravity: AgainstGravity | None = None
-    """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
+    """None if the samples have no accelerometer, a shape is the best fit, or all are refused."""
     following: Following | None = None
     """Iron that follows columns; None if no column was named."""
     ellipsoid: CalibratorFit | None = None
