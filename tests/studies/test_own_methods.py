@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.command_files import run
+from tests.instances import instance
 from tests.own_package import WRONG
 
 from hiltest.boards.bench import default_firmware
@@ -60,6 +61,25 @@ def test_the_output_of_a_calibrator_is_no_part_of_the_document(
     output, errors = capsys.readouterr()
     assert json.loads(output)["best"] == "loud"
     assert "iteration 1" in errors
+
+
+def test_a_prediction_that_no_angle_can_have_is_stated_by_its_bound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = instance(0, 30, noise_ut=2.0, covered=(0.2, 0.2))  # linear propagation predicts 600 deg
+    np.savetxt(tmp_path / "far.csv", drawn.points_counts / 10.0, delimiter=",", header="x_uT,y_uT,z_uT", comments="")
+    words = "fit", str(tmp_path / "far.csv"), "--calibrator", "middle"
+    run(*words, "--json")
+    (calibrator,) = json.loads(capsys.readouterr().out)["calibrators"]
+    assert calibrator["radius"] is not None
+    assert [calibrator[f"direction_{part}_deg"] for part in ("error", "spread", "bias")] == [None] * 3
+    (reason,) = (reason for reason in calibrator["reasons"] if reason["figure"] == "direction_error_deg")
+    assert (reason["value"], reason["verdict"]) == (30.0, "refused")
+    run(*words, "--html", str(tmp_path / "far.html"))
+    text = capsys.readouterr().out
+    assert "direction error > 30 deg is above 5 deg (refused)" in text
+    assert "> 30" in next(line for line in text.splitlines() if "direction error [deg]" in line)
+    assert "&gt; 30<" in (tmp_path / "far.html").read_text(encoding="utf-8")
 
 
 def test_a_name_that_hiltest_and_a_package_have_is_refused_if_it_is_requested(
