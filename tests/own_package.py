@@ -27,6 +27,10 @@ def loud(samples):
     return samples.mean(axis=0), np.eye(3)
 
 
+def mirrored(samples):
+    return samples.mean(axis=0), -np.eye(3)
+
+
 def broken(samples):
     raise LookupError("no table")
 
@@ -45,6 +49,7 @@ NAMES = {
     "middle": "Middle",
     "never": "never",
     "loud": "loud",
+    "mirrored": "mirrored",
     "broken": "broken",
     "endless": "endless",
     "direct": "never",

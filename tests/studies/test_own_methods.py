@@ -107,8 +107,14 @@ def test_the_study_of_estimators_names_draws_and_measures_what_was_requested(tmp
     assert len({(entry.line, entry.mark) for entry in drawn.key}) == len(drawn.key) > 8
 
 
-def test_a_refusal_is_no_fit() -> None:
-    assert reference("never")(counts()).status is FitStatus.NOT_AN_ELLIPSOID
+@pytest.mark.parametrize(("name", "status"), [("never", "refused"), ("mirrored", "mirrored"), ("endless", "singular")])
+def test_a_refusal_a_reflection_and_numbers_without_an_end_are_told_apart(
+    name: str, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
+    assert run("fit", str(tmp_path / "points.csv"), "--calibrator", name, "--json") == 1
+    (calibrator,) = json.loads(capsys.readouterr().out)["calibrators"]
+    assert (calibrator["status"], calibrator["radius"]) == (status, None)
 
 
 @pytest.mark.parametrize(

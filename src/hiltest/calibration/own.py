@@ -56,7 +56,7 @@ class OwnCalibrator:
         except Exception as error:  # a user's function may raise anything
             raise ConfigError(f"{self.origin} raises {type(error).__name__}: {error}") from error
         if answer is None:
-            return no_fit(FitStatus.NOT_AN_ELLIPSOID)
+            return no_fit(FitStatus.REFUSED)
         try:
             hard_iron, soft_iron = (np.array(part, np.float64) for part in answer)
         except (TypeError, ValueError):
@@ -67,8 +67,11 @@ class OwnCalibrator:
                 "or None"
             )
         length = float(np.linalg.norm((points / _COUNTS_PER_UT - hard_iron) @ soft_iron.T, axis=1).mean())
-        if not (np.isfinite(length) and np.linalg.det(soft_iron) > SMALLEST_DETERMINANT * np.abs(soft_iron).max() ** 3):
+        determinant, smallest = np.linalg.det(soft_iron), SMALLEST_DETERMINANT * np.abs(soft_iron).max() ** 3
+        if not (np.isfinite(length) and abs(determinant) > smallest):
             return no_fit(FitStatus.SINGULAR)
+        if determinant < 0.0:
+            return no_fit(FitStatus.MIRRORED)
         return MagnetometerFit(
             FitStatus.ELLIPSOID, False, 0, soft_iron / length / _COUNTS_PER_UT, hard_iron * _COUNTS_PER_UT
         )
