@@ -191,6 +191,17 @@ def test_a_turn_in_a_plane_is_told_as_one_and_exported_as_one(clouds: Path) -> N
     assert [(each["name"], each["turn"]["axis"]) for each in named["calibrators"]] == [("ellipse", "z")]
 
 
+def test_a_log_of_two_axes_is_told_as_one_and_has_no_calibrator_of_three(clouds: Path) -> None:
+    turn = np.linspace(0.0, 6.0 * np.pi, 200)
+    _write(clouds / "flat.csv", np.column_stack([21.0 * np.cos(turn) + 5.0, 20.0 * np.sin(turn)]), "mx_uT,my_uT")
+    content = json.loads(fit("flat.csv", "--on", "host", "--json", folder=clouds).stdout)
+    assert (content["best"], content["verdict"]) == ("ellipse", "fair")
+    assert [note for note in content["notes"] if "only mx_uT and my_uT" in note and "two axes" in note]
+    done = fit("flat.csv", "--on", "host", "--calibrator", "direct", folder=clouds)
+    assert done.returncode == 4
+    assert "--calibrator direct needs three axes, and flat.csv has only mx_uT and my_uT" in done.stderr
+
+
 def test_a_folder_of_logs_gets_a_row_each_and_the_worst_decides(clouds: Path) -> None:
     done = fit(".", folder=clouds)
     rows = {cells[0]: cells[2] for line in done.stdout.splitlines() if len(cells := line.split()) == 7}

@@ -93,10 +93,16 @@ def test_a_still_log_is_calibrated_against_gravity_and_that_is_the_best() -> Non
     assert fit.best.verdict is Acceptance.GOOD
 
 
-def test_one_calibrator_that_is_asked_for_is_all_there_is() -> None:
-    fit = fit_on_host(still(), "direct")
-    assert fit.gravity is None
-    assert [calibrator.name for calibrator in fit.calibrators] == ["direct"]
+def test_one_calibrator_that_is_asked_for_is_the_only_fit_and_gravity_checks_its_axes() -> None:
+    cloud = still()
+    exchanged = replace(cloud, points=cloud.points[:, [1, 0, 2]])
+    for samples, axes in ((cloud, ""), (exchanged, "The magnetometer's axes are not the accelerometer's")):
+        fit = fit_on_host(samples, "direct")
+        assert [calibrator.name for calibrator in fit.calibrators] == ["direct"]
+        assert fit.gravity is not None
+        assert fit.gravity.unused
+        assert fit.gravity.axes.partition(":")[0] == axes
+        assert fit.gravity.axes in " ".join(fit.notes)
 
 
 def test_a_log_without_an_accelerometer_is_fitted_as_before() -> None:

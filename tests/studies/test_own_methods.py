@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.command_files import run
+from tests.instances import instance
 from tests.own_package import WRONG
 
 from hiltest.boards.bench import default_firmware
@@ -51,6 +53,35 @@ def test_numbers_that_are_not_finite_are_not_blamed_on_the_points_alone(
     assert "numbers that are not finite" in " ".join(capsys.readouterr().out.split())
 
 
+def test_the_output_of_a_calibrator_is_no_part_of_the_document(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
+    run("fit", str(tmp_path / "points.csv"), "--calibrator", "loud", "--json")
+    output, errors = capsys.readouterr()
+    assert json.loads(output)["best"] == "loud"
+    assert "iteration 1" in errors
+
+
+def test_a_prediction_that_no_angle_can_have_is_stated_by_its_bound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drawn = instance(0, 30, noise_ut=2.0, covered=(0.2, 0.2))  # linear propagation predicts 600 deg
+    np.savetxt(tmp_path / "far.csv", drawn.points_counts / 10.0, delimiter=",", header="x_uT,y_uT,z_uT", comments="")
+    words = "fit", str(tmp_path / "far.csv"), "--calibrator", "middle"
+    run(*words, "--json")
+    (calibrator,) = json.loads(capsys.readouterr().out)["calibrators"]
+    assert calibrator["radius"] is not None
+    assert [calibrator[f"direction_{part}_deg"] for part in ("error", "spread", "bias")] == [None] * 3
+    (reason,) = (reason for reason in calibrator["reasons"] if reason["figure"] == "direction_error_deg")
+    assert (reason["value"], reason["verdict"]) == (30.0, "refused")
+    run(*words, "--html", str(tmp_path / "far.html"))
+    text = capsys.readouterr().out
+    assert "direction error > 30 deg is above 5 deg (refused)" in text
+    assert "> 30" in next(line for line in text.splitlines() if "direction error [deg]" in line)
+    assert "&gt; 30<" in (tmp_path / "far.html").read_text(encoding="utf-8")
+
+
 def test_a_name_that_hiltest_and_a_package_have_is_refused_if_it_is_requested(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,8 +107,14 @@ def test_the_study_of_estimators_names_draws_and_measures_what_was_requested(tmp
     assert len({(entry.line, entry.mark) for entry in drawn.key}) == len(drawn.key) > 8
 
 
-def test_a_refusal_is_no_fit() -> None:
-    assert reference("never")(counts()).status is FitStatus.NOT_AN_ELLIPSOID
+@pytest.mark.parametrize(("name", "status"), [("never", "refused"), ("mirrored", "mirrored"), ("endless", "singular")])
+def test_a_refusal_a_reflection_and_numbers_without_an_end_are_told_apart(
+    name: str, status: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x,y,z", comments="")
+    assert run("fit", str(tmp_path / "points.csv"), "--calibrator", name, "--json") == 1
+    (calibrator,) = json.loads(capsys.readouterr().out)["calibrators"]
+    assert (calibrator["status"], calibrator["radius"]) == (status, None)
 
 
 @pytest.mark.parametrize(

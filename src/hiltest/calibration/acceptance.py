@@ -261,6 +261,7 @@ BOUNDS = (
 )
 
 _NO_ELLIPSOID = {
+    FitStatus.REFUSED: "the calibrator refused the points",
     FitStatus.NOT_AN_ELLIPSOID: "the best surface is not an ellipsoid",
     FitStatus.POOR_COVERAGE: "the calibrator rejected the points as too unevenly spread for an ellipsoid",
     FitStatus.TOO_FEW_POINTS: "an ellipsoid needs at least 9 points, a ridge 10, a sphere or ellipse 6, a circle 4",
@@ -268,7 +269,7 @@ _NO_ELLIPSOID = {
     "returned numbers that are not finite, or a matrix without an inverse",
     FitStatus.NOT_CONVERGED: "the calibrator's iteration did not end",
     FitStatus.HORIZONTAL_FIELD: "the dip of the field is too small to find its direction from gravity",
-    FitStatus.MIRRORED: "only a reflection fits; an axis, or the sign of gravity, is wrong",
+    FitStatus.MIRRORED: "the calibration is a reflection; an axis, or the sign of an axis or of gravity, is wrong",
 }
 
 _IN_SPACE = "soft iron is assumed to be small in directions without samples; turn the sensor in all directions"

@@ -29,6 +29,9 @@ _STEP = 1e-5
 #: in the median with 20 parts, 1.12 with 12, 0.87 with 8 and 0.76 with 6, because disturbances last for a minute; the
 #: errors of 40 simulated logs of independent noise are 1.0 to 1.1 times the predicted ones with each.
 BLOCKS = 8
+#: Largest predicted error that is stated: linear propagation predicts the tangent of an angle, which is 10 % larger
+#: than the angle here, and has no bound above.
+LARGEST_PREDICTED_DEG = 30.0
 # Five points per block; with fewer points the residual is more informative. A half has as many blocks as the whole.
 _FEWEST_FOR_BLOCKS = 5 * BLOCKS
 _FEWEST_FOR_HALVES = 2 * _FEWEST_FOR_BLOCKS

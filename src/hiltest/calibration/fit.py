@@ -25,8 +25,10 @@ BIAS_LEFT = 0.25
 
 
 class FitStatus(IntEnum):
-    """Status of a fit; the values are those of the link protocol."""
+    """Status of a fit; the values from 0 are those of the link protocol."""
 
+    REFUSED = -1
+    """A package's calibrator returned None."""
     ELLIPSOID = 0
     NOT_AN_ELLIPSOID = 1
     POOR_COVERAGE = 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
@@ -49,11 +51,12 @@ class OwnCalibrator:
         """
         points = points_array(points_counts)
         try:
-            answer = self.calibrate(points / _COUNTS_PER_UT)
+            with contextlib.redirect_stdout(sys.stderr):  # standard output is the command's, which may be JSON
+                answer = self.calibrate(points / _COUNTS_PER_UT)
         except Exception as error:  # a user's function may raise anything
             raise ConfigError(f"{self.origin} raises {type(error).__name__}: {error}") from error
         if answer is None:
-            return no_fit(FitStatus.NOT_AN_ELLIPSOID)
+            return no_fit(FitStatus.REFUSED)
         try:
             hard_iron, soft_iron = (np.array(part, np.float64) for part in answer)
         except (TypeError, ValueError):
@@ -64,8 +67,11 @@ class OwnCalibrator:
                 "or None"
             )
         length = float(np.linalg.norm((points / _COUNTS_PER_UT - hard_iron) @ soft_iron.T, axis=1).mean())
-        if not (np.isfinite(length) and np.linalg.det(soft_iron) > SMALLEST_DETERMINANT * np.abs(soft_iron).max() ** 3):
+        determinant, smallest = np.linalg.det(soft_iron), SMALLEST_DETERMINANT * np.abs(soft_iron).max() ** 3
+        if not (np.isfinite(length) and abs(determinant) > smallest):
             return no_fit(FitStatus.SINGULAR)
+        if determinant < 0.0:
+            return no_fit(FitStatus.MIRRORED)
         return MagnetometerFit(
             FitStatus.ELLIPSOID, False, 0, soft_iron / length / _COUNTS_PER_UT, hard_iron * _COUNTS_PER_UT
         )
@@ -105,8 +111,9 @@ def own_calibrator(name: str) -> OwnCalibrator | None:
         version = f"{package.name} {package.version}" if package else "an unknown distribution"
         origin = f"the calibrator {name} of {version} ({entry_point.value})"
         try:
-            loaded = entry_point.load()
-            calibrate = loaded() if isinstance(loaded, type) else loaded
+            with contextlib.redirect_stdout(sys.stderr):
+                loaded = entry_point.load()
+                calibrate = loaded() if isinstance(loaded, type) else loaded
         except Exception as error:  # a user's module may raise anything
             raise ConfigError(f"{origin} cannot be loaded, {type(error).__name__}: {error}") from error
         if not callable(calibrate):

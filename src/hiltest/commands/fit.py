@@ -289,6 +289,11 @@ def _fit(
         from hiltest.calibration.shapes import Shape
 
         return fit_by_shape(samples, Shape(shape), robust=robust, field_ut=field_ut)
+    if len(samples.columns) < samples.points.shape[1] and calibrator not in ("board", "all"):
+        raise click.UsageError(
+            f"--calibrator {calibrator} needs three axes, and {samples.path} has only {' and '.join(samples.columns)}: "
+            "leave it out to fit the turn, or name three columns with --columns"
+        )
     any_shape = shape == "auto"
     from hiltest.calibration import REFERENCES
     from hiltest.calibration.own import check_own_name, own_calibrator

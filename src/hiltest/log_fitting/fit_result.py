@@ -132,7 +132,8 @@ class CalibratorFit:
     direction_spread_deg: float | None = None
     direction_bias_deg: float | None = None
     """Direction errors predicted from the points' noise, rms over the sphere, or over a turn; the first combines the
-    others. If `error_is_measured`, the prediction for the ellipsoid of the samples, with the difference as a bias."""
+    others. They are None above 30 deg, where the prediction is not valid. If `error_is_measured`, the prediction for
+    the ellipsoid of the samples, with the difference as a bias."""
     direction_difference_deg: float | None = None
     """Measured rms angle over the sphere to the directions of the unbiased ellipsoid (`corrected`, in float64) of all
     samples; None without one."""
@@ -223,7 +224,7 @@ class SampleFit:
     """Readings without calibration. Their direction error is the rms angle to those of the best calibration by norms
     alone; None if that is refused, or fits a turn."""
     gravity: AgainstGravity | None = None
-    """None if the samples have no accelerometer, one calibrator or shape was asked for, or all are refused."""
+    """None if the samples have no accelerometer, a shape is the best fit, or all are refused."""
     following: Following | None = None
     """Iron that follows columns; None if no column was named."""
     ellipsoid: CalibratorFit | None = None

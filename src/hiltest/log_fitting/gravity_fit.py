@@ -44,7 +44,7 @@ _LARGEST_ERROR_DEG, _NO_DIRECTION_DEG = 1.0, 10.0
 
 
 def against_gravity(
-    samples: Samples, rating: Rating, *, robust: bool
+    samples: Samples, rating: Rating, *, robust: bool, fit: bool = True
 ) -> tuple[AgainstGravity | None, list[CalibratorFit]]:
     """Calibrate against gravity, if the log has an unshaken accelerometer whose axes are the magnetometer's.
 
@@ -56,6 +56,8 @@ def against_gravity(
         Rating of these samples.
     robust
         True to omit outliers of the accelerometer's ellipsoid too.
+    fit
+        False to check the axes and the accelerometer only.
 
     Returns
     -------
@@ -70,16 +72,17 @@ def against_gravity(
     log = _check_spreads(
         AgainstGravity(len(points), str(samples.acceleration_unit)), points, acceleration, samples.columns
     )
-    if log.unused:
-        return log, []
+    if log.unused or not fit:
+        return replace(log, unused=log.unused or "--calibrator names a fit of the field's strength alone"), []
     log = replace(log, norms_held_out_dip_deg=held_out_dip_deg(fit_norms, points, acceleration))
     fits = []
     for name, method in PAIR_METHODS.items():
-        fit = method(points, acceleration)
+        pair_fit = method(points, acceleration)
         figures = GravityFigures()
-        if fit.is_ellipsoid:
-            figures = _figures(fit, points, acceleration, held_out_dip_deg(method, points, acceleration))
-        fits.append(replace(rating.calibrator(name, fit.magnetometer, points, against_gravity=True), gravity=figures))
+        if pair_fit.is_ellipsoid:
+            figures = _figures(pair_fit, points, acceleration, held_out_dip_deg(method, points, acceleration))
+        rated = rating.calibrator(name, pair_fit.magnetometer, points, against_gravity=True)
+        fits.append(replace(rated, gravity=figures))
     return log, fits
 
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.log_fitting.log_folder import CUTS, Agreement, LogFit
-from hiltest.log_fitting.sample_fit_table import STYLES, WIDTH
+from hiltest.log_fitting.sample_fit_table import STYLES, WIDTH, direction_error_text
 
 # A prediction within a factor of two is reliable; one beyond the last value is useless.
 _RIGHT, _FAR_TOO_GOOD = (0.5, 2.0), 2.5
@@ -27,13 +27,12 @@ def print_folder(logs: Sequence[LogFit], console: Console) -> None:
     for log in logs:
         if log.fit is not None:
             best = log.fit.best
-            error = "-" if best.direction_error_deg is None else f"{best.direction_error_deg:.2f}"
             grid.add_row(
                 escape(log.name),
                 str(log.fit.n_in),
                 Text(best.verdict, style=STYLES[best.verdict]),
                 escape(best.name),
-                error,
+                direction_error_text(best),
                 *_ratios(log),
             )
     console.print(grid, width=min(WIDTH, console.width))

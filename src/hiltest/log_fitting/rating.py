@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hiltest.calibration import is_unbiased
 from hiltest.calibration.acceptance import Acceptance, FitFigures, rate, status_words
 from hiltest.calibration.corrected import fit_corrected
-from hiltest.calibration.direction_error import DirectionError, ErrorPrediction
+from hiltest.calibration.direction_error import LARGEST_PREDICTED_DEG, DirectionError, ErrorPrediction
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.quality import direction_difference_rms_deg, residual_of_corrected_percent
 from hiltest.calibration.shapes import Shape, fit_shape
@@ -75,16 +75,18 @@ class Rating:
         )
         difference_deg = None if against_gravity else self._difference_deg(fit)
         is_measured = predicted is not None and difference_deg is not None and difference_deg > predicted.rms_deg
-        if is_measured and (own := self._predictions(self._samples.points).predict(self._ellipsoid, unbiased=True)):
+        own = self._predictions(self._samples.points).predict(self._ellipsoid, unbiased=True) if is_measured else None
+        if own is not None:
             predicted = replace(own, bias_deg=math.hypot(own.bias_deg, difference_deg or 0.0))
         rated = self._rate_fit(name, fit, figures, predicted, self._samples.points)
         reasons = (
             replace(reason, meaning=_MISFIT) if is_measured and reason.figure == "direction_error_deg" else reason
             for reason in rated.reasons
         )
-        return replace(
+        rated = replace(
             rated, reasons=tuple(reasons), direction_difference_deg=difference_deg, error_is_measured=is_measured
         )
+        return rated if own is not None and own.rms_deg <= LARGEST_PREDICTED_DEG else _bound_prediction(rated)
 
     def _difference_deg(self, fit: MagnetometerFit) -> float | None:
         if not fit.has_fit or self._ellipsoid.status is not FitStatus.ELLIPSOID:
@@ -124,7 +126,7 @@ class Rating:
         )
         points, plane = self._samples.points, shape_fit.plane
         in_plane = points if plane is None else points @ plane.axes[:2].T
-        rated = self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error, in_plane)
+        rated = _bound_prediction(self._rate_fit(str(shape), shape_fit.fit, figures, shape_fit.error, in_plane))
         if shape_fit.plane is None or shape_fit.arc_deg is None:
             return replace(rated, shape=shape)
         # A turn does not cover an area of the sphere.
@@ -193,6 +195,26 @@ class Rating:
             return False
         raw = replace(fit, soft_iron=np.eye(3) / fit.radius, hard_iron=np.zeros(3))
         return direction_difference_rms_deg(raw, fit) > _CLEARLY * predicted.rms_deg
+
+
+def _bound_prediction(fit: CalibratorFit) -> CalibratorFit:
+    """Return a fit whose predicted angles above `LARGEST_PREDICTED_DEG` are None, and that limit in its reasons."""
+    reasons = tuple(
+        replace(reason, value=min(float(reason.value), LARGEST_PREDICTED_DEG))
+        if reason.figure in ("direction_error_deg", "strong_iron_deg")
+        else reason
+        for reason in fit.reasons
+    )
+    if (fit.direction_error_deg or 0.0) <= LARGEST_PREDICTED_DEG:
+        return replace(fit, reasons=reasons)
+    return replace(
+        fit,
+        reasons=reasons,
+        direction_error_deg=None,
+        direction_spread_deg=None,
+        direction_bias_deg=None,
+        error_is_measured=False,
+    )
 
 
 def triple(values: Array) -> Triple:

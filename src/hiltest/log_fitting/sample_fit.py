@@ -70,7 +70,7 @@ def fit_on_host(
         "host",
         None,
         log.add_shape(fits) if any_shape and calibrator in of_groups else fits,
-        gravity=calibrator in of_groups,
+        fit_gravity=calibrator in of_groups,
     )
 
 
@@ -162,7 +162,9 @@ def fit_on_board(
         count_origin=triple(scale.origin),
         rounding_rms=float(np.sqrt((rounding * rounding).mean())),
     )
-    return log.fit(str(board.kind), firmware, log.add_shape(fits) if any_shape and several else fits, gravity=several)
+    return log.fit(
+        str(board.kind), firmware, log.add_shape(fits) if any_shape and several else fits, fit_gravity=several
+    )
 
 
 class _Log:
@@ -205,14 +207,14 @@ class _Log:
         return fits if rated.verdict is Acceptance.REFUSED else [*fits, rated]
 
     def fit(
-        self, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit], *, gravity: bool = False
+        self, on: str, firmware: FirmwareUsed | None, fits: Sequence[CalibratorFit], *, fit_gravity: bool = False
     ) -> SampleFit:
-        """Return the result, with calibrations against gravity if they are requested and not all fits are refused."""
+        """Return the result, compared with gravity if not all fits are refused, and fitted to it if requested."""
         samples, gone, best = self._samples, self._gone, best_of(fits)
         log: AgainstGravity | None = None
         against: list[CalibratorFit] = []
-        if gravity and best.verdict is not Acceptance.REFUSED and best.shape is None:
-            log, against = against_gravity(self.kept, self.rating, robust=self._robust)
+        if best.verdict is not Acceptance.REFUSED and best.shape is None:
+            log, against = against_gravity(self.kept, self.rating, robust=self._robust, fit=fit_gravity)
         hole = None
         if best.hard_iron is not None and best.soft_iron is not None and best.turn is None:
             hole = largest_hole((self.kept.points - best.hard_iron) @ np.array(best.soft_iron))

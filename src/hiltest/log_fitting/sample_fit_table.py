@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hiltest.calibration.acceptance import Acceptance, Reason
+from hiltest.calibration.direction_error import LARGEST_PREDICTED_DEG
 from hiltest.log_fitting.fit_result import AgainstGravity, CalibratorFit, GravityFigures, SampleFit
 from hiltest.log_fitting.fit_sentence import headline
 from hiltest.text import format_number
@@ -187,7 +188,7 @@ def _number_rows(fit: SampleFit) -> list[tuple[str, list[str]]]:
         ("coverage [%]", [_number(result.coverage and 100 * result.coverage, ".0f") for result in fits]),
         ("axis ratio", [_number(result.axis_ratio, ".3f") for result in fits]),
         ("condition of the samples", [_number(fit.condition, ".4g")] * len(fits)),
-        ("direction error [deg]", [_number(result.direction_error_deg, ".2f") for result in fits]),
+        ("direction error [deg]", list(map(direction_error_text, fits))),
         *(
             [("from all samples [deg]", [_number(result.host_difference_deg, ".2f") for result in fits])]
             if fit.firmware is not None
@@ -267,12 +268,21 @@ def reason_line(reason: Reason, values: Sequence[float | str] = ()) -> str:
         if reason.figure == "shape":
             return f"fitted by '{reason.value}', not by '{reason.threshold}' ({reason.verdict}): {reason.meaning}."
         return f"the fit ended as '{reason.value}': {reason.meaning}."
-    shown = ", ".join(f"{value:.4g}" for value in values or (reason.value,))
+    shown = ", ".join(
+        f"> {value:g}" if reason.unit == "deg" and value == LARGEST_PREDICTED_DEG else f"{value:.4g}"
+        for value in values or (reason.value,)
+    )
     name = _NAMES[reason.figure]
     side = "above" if reason.value > reason.threshold else "below"
     unit = f" {reason.unit}" if reason.unit and reason.figure != "n" else ""  # the text already counts points
     limit = f"{reason.threshold:g}{unit} ({reason.verdict})"
     return f"{name} {shown}{unit} is {side} {limit}: {reason.meaning}{'' if reason.meaning.endswith('?') else '.'}"
+
+
+def direction_error_text(fit: CalibratorFit) -> str:
+    """Return the direction error [deg], a bound if the predicted one is too large, or a dash without one."""
+    is_bound = fit.direction_error_deg is None and any(reason.figure == "direction_error_deg" for reason in fit.reasons)
+    return f"> {LARGEST_PREDICTED_DEG:g}" if is_bound else _number(fit.direction_error_deg, ".2f")
 
 
 def _number(value: float | None, how: str) -> str:

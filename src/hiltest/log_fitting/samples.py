@@ -184,6 +184,8 @@ def _layout(table: Table, columns: str | None, accelerometer_columns: str | None
             raise ConfigError("the file has the name of another sensor; if it is wrong, name the columns: --columns")
         if table.index is not None and places == table.places[1:]:
             notes.append(f"Column {table.names([table.index])[0] or '1'} was taken as an index, not as readings.")
+    if len(places) < _AXES:
+        notes.append(f"The log has only {' and '.join(table.names(places))}: it is read as a compass with two axes.")
     accelerometer: tuple[int, ...] = ()
     if accelerometer_columns is not None:
         accelerometer = named_columns(accelerometer_columns, headers, width, option="--accelerometer-columns")

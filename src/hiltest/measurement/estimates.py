@@ -39,6 +39,11 @@ class Estimate:
         return Estimate(round(self.value, digits), low, high)
 
 
+def fewest_for_upper_end(share: float, confidence: float = CONFIDENCE) -> int:
+    """Return the smallest number of values whose `quantile` has an upper end."""
+    return math.ceil(math.log((1 - confidence) / 2) / math.log(share))
+
+
 def quantile(values: Iterable[float], share: float, confidence: float = CONFIDENCE) -> Estimate:
     """Return a quantile with its interval from order statistics.
 

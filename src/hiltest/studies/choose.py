@@ -9,7 +9,7 @@ import numpy as np
 
 from hiltest.calibration.fit import Array, FitStatus
 from hiltest.measurement import Measurement, check
-from hiltest.measurement.estimates import Estimate, quantile
+from hiltest.measurement.estimates import Estimate, fewest_for_upper_end, quantile
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Column, Run, Table
@@ -34,8 +34,6 @@ class Candidate:
     """Median over instances of the direction's rms error [deg]."""
     high: Estimate
     """95th percentile of that error [deg]."""
-    worst_deg: float
-    """Largest error; it replaces the upper end of an interval that the instances are too few for [deg]."""
     ellipsoids_percent: float
     """Instances with an ellipsoid as the result [%]; the others have a sphere."""
     cycles: int
@@ -110,7 +108,13 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         )
         for candidate in candidates
     )
-    sentence = f"{_conditions(plan, conditions)}: {_advice(best, second, too_dear)}."
+    advice = (
+        f"{format_number(plan.instances)} instances are too few to choose; repeat with at least "
+        f"{fewest_for_upper_end(_HIGH)} (--instances)"
+        if best is None and affordable
+        else _advice(best, second, too_dear)
+    )
+    sentence = f"{_conditions(plan, conditions)}: {advice}."
     measurements = tuple(_measurements([one for one in candidates if one.name in board.names], board.cycle_model))
     return Conclusion(sentence, measurements, Table("study.choose", columns, rows), ())
 
@@ -121,7 +125,6 @@ def _candidate(name: str, numbers: Array) -> Candidate:
         name,
         quantile(errors_deg, 0.5),
         quantile(errors_deg, _HIGH),
-        float(errors_deg.max()),
         100.0 * float(ellipsoids.mean()),
         int(np.quantile(cycles, 0.5, method="lower")),
         int(cycles.max()),
@@ -129,16 +132,20 @@ def _candidate(name: str, numbers: Array) -> Candidate:
 
 
 def choose_calibrator(candidates: Sequence[Candidate]) -> Candidate | None:
-    """Return the cheapest calibrator whose error is indistinguishable from the best; None without candidates.
+    """Return the cheapest calibrator whose error is indistinguishable from the best.
+
+    Returns
+    -------
+    Candidate or None
+        None without candidates, or if the instances are too few to exclude any.
 
     Notes
     -----
     Its 95th percentile is at most the upper end of the interval of the smallest 95th percentile.
     """
-    if not candidates:
+    best = min(candidates, key=lambda candidate: candidate.high.value, default=None)
+    if best is None or (at_most_deg := best.high.high) is None:
         return None
-    best = min(candidates, key=lambda candidate: candidate.high.value)
-    at_most_deg = best.worst_deg if best.high.high is None else best.high.high
     return min(
         (candidate for candidate in candidates if candidate.high.value <= at_most_deg),
         key=lambda candidate: candidate.cycles,
