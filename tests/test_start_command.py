@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -100,6 +101,21 @@ def test_a_folder_without_one_firmware_is_refused_and_nothing_is_written(
     assert done.returncode == 4
     assert complaint in done.stderr
     assert files_of(tmp_path) == set(elves)
+
+
+def test_the_end_of_the_input_interrupts_the_dialogue(tmp_path: Path) -> None:
+    for name in ("a.elf", "b.elf"):
+        (tmp_path / name).write_bytes(b"none")
+    keyboard, terminal = os.openpty()
+    os.write(keyboard, b"\x04")
+    command = [sys.executable, "-m", "hiltest", "start"]
+    done = subprocess.run(
+        command, cwd=tmp_path, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE, check=False, timeout=60
+    )
+    os.close(terminal)
+    os.close(keyboard)
+    assert (done.returncode, done.stderr.endswith(b"interrupted\n")) == (2, True)
+    assert files_of(tmp_path) == {"a.elf", "b.elf"}
 
 
 def test_a_rig_for_a_real_board_gets_no_workflow(tmp_path: Path, start: Start) -> None:

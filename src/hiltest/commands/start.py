@@ -17,14 +17,14 @@ import click
 from hiltest import __version__
 from hiltest.commands.options import documented, parsed
 from hiltest.errors import ConfigError
-from hiltest.session.operator_prompt import ask
-from hiltest.session.rig_proposal import ask_for_option, is_dialogue, legible_name, propose_rig
+from hiltest.session.rig_proposal import ask_for_option, ask_user, is_dialogue, legible_name, propose_rig
 from hiltest.session.settings import DEFAULT_OUT, file_name
 
 _EXIT_CODES = """
 \b
 Exit codes:
   0   the files are written, and the firmware passed
+  2   interrupted
   4   usage: an option, the ELF or a file in the way is wrong
   other codes: those of hiltest run, whose verdict is printed
 """
@@ -198,7 +198,7 @@ def _build_command(folder: Path, firmware: Path, build: str | None) -> str:
     if build is not None or not is_dialogue():
         return command if build is None else build
     default = command or ("added to the workflow later" if _is_ignored(folder, firmware) else "none, it is committed")
-    return ask(f"Which command builds {firmware} in a clean checkout? Enter: {default}\n> ").strip() or command
+    return ask_user(f"Which command builds {firmware} in a clean checkout? Enter: {default}\n> ") or command
 
 
 def _workflow_text(
@@ -208,7 +208,7 @@ def _workflow_text(
     action = action or _own_action()
     if action is None and is_dialogue():
         question = "Which repository has hiltest, as OWNER/NAME@TAG? Enter: fill it in later\n> "
-        while (action := ask(question).strip()) and not _ACTION.fullmatch(action):
+        while (action := ask_user(question)) and not _ACTION.fullmatch(action):
             click.echo(f"{action} is not {_ACTION_FORM}.")
     if not action:
         action = f"OWNER/hiltest@v{__version__}"
