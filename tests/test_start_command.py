@@ -55,7 +55,15 @@ def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tm
     (tmp_path / ".gitignore").write_text("*.elf", encoding="utf-8")
     done = start("--json")
     assert done.returncode == 0, done.stderr
-    assert "The workflow cannot find my compass.elf: git ignores it" in done.stderr
+    files, missing, owner = (
+        done.stderr.index(text)
+        for text in (
+            "Commit these files",
+            "The workflow cannot find my compass.elf: git ignores it",
+            "Replace OWNER in",
+        )
+    )
+    assert done.stderr.index("hiltest baseline save") < files < missing < owner
     written = {"hil/rigs/my-compass.toml", "hil/baselines/my-compass.json", ".github/workflows/hiltest.yml"}
     assert files_of(tmp_path) == {"my compass.elf", ".gitignore", *written}
     document = json.loads(done.stdout)
@@ -73,7 +81,11 @@ def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tm
     assert judged.returncode == 0, judged.stdout
     assert "May be merged (against hil/baselines/my-compass.json): PASS" in judged.stdout
     before = (tmp_path / ".github/workflows/hiltest.yml").read_bytes()
+    shutil.rmtree(tmp_path / ".git")
     repeated = start("--action", "owner/other@v2")
+    assert "hil/rigs/my-compass.toml exists and is used" in repeated.stdout
+    assert "Commit these files" not in repeated.stdout
+    assert "Replace OWNER" not in repeated.stdout
     assert ".github/workflows/hiltest.yml exists and stays as it is" in repeated.stdout
     assert (tmp_path / ".github/workflows/hiltest.yml").read_bytes() == before
 
