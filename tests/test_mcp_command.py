@@ -160,6 +160,8 @@ HOSTILE: list[tuple[str, dict[str, Any], str]] = [
     ("run", {"out": "link"}, "out: link is not below "),
     ("run", {"out": ["first", "../second"]}, "out: ../second is not below "),
     ("run", {"seed": ["1", "2"]}, "run: seed has one value, not 2"),
+    ("run", {"seeds": "1..100000000"}, "run: 1..100000000 are more than 100 seeds, the most of one call"),
+    ("run", {"seeds": "8..1"}, "is not a range of seeds"),
     ("profile", {"elf": "shipped", "function": "f\0g"}, "profile: cannot be started: "),
     ("fit", {"log": "x" * 70_000}, "fit: larger than 65536 bytes, the budget of a tool's arguments"),
     ("compare", {"base": "a", "new": ["b"] * 2000}, "compare: more than 1000 values, the budget of a tool's"),

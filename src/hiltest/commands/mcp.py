@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from hiltest.commands.options import setting_option
+from hiltest.commands.options import seed_range, setting_option
 from hiltest.errors import ConfigError
 from hiltest.session.settings import DEFAULT_OUT, make_folder
 
@@ -49,6 +49,7 @@ _LEFT_OUT_TESTS = re.compile(r"^(gate set: .*; )\S+ full runs them$", re.M)
 ANSWER_BYTES = 16 * 1024  # some six thousand tokens; common agents refuse answers of more than 25 000
 _JSON = "as_json"
 _AT_ONCE = 2
+_MOST_SEEDS = 100  # at the default time limit six seconds each
 _GRACE_S = 1.0  # a client waits two seconds for the end of the server before it kills it
 _LAST_ERRORS = 64 * 1024
 _INTERRUPTED = 2
@@ -202,6 +203,13 @@ class _Tools:
             raise ConfigError(f"{name}: {error}") from error
         if "out" in parameters:
             values["out"] = [self._folder(item) for item in values.get("out", ["." if name == "run" else name])]
+        for seeds in values.get("seeds", []):
+            with contextlib.suppress(click.BadParameter):  # the command says what is wrong
+                if len(seed_range(None, None, str(seeds)) or ()) > _MOST_SEEDS:
+                    raise ConfigError(
+                        f"{name}: {seeds} are more than {_MOST_SEEDS} seeds, the most of one call; call it several "
+                        f"times, or run hiltest {name} --seeds={seeds} at a terminal"
+                    )
         options, places = [], []
         for key, parameter in parameters.items():
             if len(values.get(key, [])) > 1 and not (parameter.multiple or parameter.nargs == -1):
