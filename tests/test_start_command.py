@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -54,7 +55,15 @@ def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tm
     (tmp_path / ".gitignore").write_text("*.elf", encoding="utf-8")
     done = start("--json")
     assert done.returncode == 0, done.stderr
-    assert "The workflow cannot find my compass.elf: git ignores it" in done.stderr
+    files, missing, owner = (
+        done.stderr.index(text)
+        for text in (
+            "Commit these files",
+            "The workflow cannot find my compass.elf: git ignores it",
+            "Replace OWNER in",
+        )
+    )
+    assert done.stderr.index("hiltest baseline save") < files < missing < owner
     written = {"hil/rigs/my-compass.toml", "hil/baselines/my-compass.json", ".github/workflows/hiltest.yml"}
     assert files_of(tmp_path) == {"my compass.elf", ".gitignore", *written}
     document = json.loads(done.stdout)
@@ -72,7 +81,11 @@ def test_firmware_with_lines_of_its_own_gets_a_rig_and_a_workflow_that_passes(tm
     assert judged.returncode == 0, judged.stdout
     assert "May be merged (against hil/baselines/my-compass.json): PASS" in judged.stdout
     before = (tmp_path / ".github/workflows/hiltest.yml").read_bytes()
+    shutil.rmtree(tmp_path / ".git")
     repeated = start("--action", "owner/other@v2")
+    assert "hil/rigs/my-compass.toml exists and is used" in repeated.stdout
+    assert "Commit these files" not in repeated.stdout
+    assert "Replace OWNER" not in repeated.stdout
     assert ".github/workflows/hiltest.yml exists and stays as it is" in repeated.stdout
     assert (tmp_path / ".github/workflows/hiltest.yml").read_bytes() == before
 
@@ -100,6 +113,21 @@ def test_a_folder_without_one_firmware_is_refused_and_nothing_is_written(
     assert done.returncode == 4
     assert complaint in done.stderr
     assert files_of(tmp_path) == set(elves)
+
+
+def test_the_end_of_the_input_interrupts_the_dialogue(tmp_path: Path) -> None:
+    for name in ("a.elf", "b.elf"):
+        (tmp_path / name).write_bytes(b"none")
+    keyboard, terminal = os.openpty()
+    os.write(keyboard, b"\x04")
+    command = [sys.executable, "-m", "hiltest", "start"]
+    done = subprocess.run(
+        command, cwd=tmp_path, stdin=terminal, stdout=terminal, stderr=subprocess.PIPE, check=False, timeout=60
+    )
+    os.close(terminal)
+    os.close(keyboard)
+    assert (done.returncode, done.stderr.endswith(b"interrupted\n")) == (2, True)
+    assert files_of(tmp_path) == {"a.elf", "b.elf"}
 
 
 def test_a_rig_for_a_real_board_gets_no_workflow(tmp_path: Path, start: Start) -> None:

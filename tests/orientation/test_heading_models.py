@@ -86,6 +86,16 @@ def test_every_known_bug_is_named_by_its_headings(name: str, seed: int) -> None:
     assert np.abs((errors + 180.0) % 360.0 - 180.0).max() < 5.0 * NOISE_DEG
 
 
+@pytest.mark.parametrize(("spread", "is_rounded"), [(0.0, True), (2.5, False)])
+def test_rounding_is_no_cause_if_the_answers_are_no_multiples_of_its_step(spread: float, is_rounded: bool) -> None:
+    headings = np.random.default_rng(1).uniform(0.0, 360.0, 36)
+    rotations = np.array([rotation_body_from_ned(Pose(heading, 0.0, 0.0)) for heading in headings.tolist()])
+    answered = headings // 10.0 * 10.0 + spread * (np.arange(36) % 3 - 1.0)
+    field, gravity = rotations @ np.array([22.8, 0.0, 42.8]), rotations @ np.array([0.0, 0.0, 1.0])
+    words = fit_causes(Poses(field, gravity, answered % 360.0, NOISE_DEG)).words
+    assert ("multiples of 10" in words) == is_rounded, words
+
+
 @pytest.mark.parametrize("degrees", [0.55, 0.9, 1.3, 2.0, 4.0, 9.0])
 @pytest.mark.parametrize("kind", ["0 to 360", "-180 to 180", "hard iron"])
 def test_a_scale_of_the_angle_and_a_hard_iron_are_told_apart_or_both_named(kind: str, degrees: float) -> None:

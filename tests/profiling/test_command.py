@@ -123,6 +123,9 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(capsys: pytest.Captu
     ("arguments", "complaint"),
     [
         (("shipped", "crc3"), "no function 'crc3'; near: crc32"),
+        (("shipped", "direct", "1"), "direct is a calibrator, which is called with 100 points, without arguments"),
+        (("shipped", "direct", "--clock", "48MHz"), "or name its function: magnetometer_direct"),
+        (("shipped", "direkt"), "no function and no calibrator 'direkt'; did you mean 'direct'?"),
         (("shipped", "crc32", "1"), "crc32 takes 2 arguments, not 1"),
         (("shipped", "crc32", "text:a", "1.5"), "argument 2 of crc32 is unsigned, not float"),
         (("shipped", "crc32", "--jsn", "1"), "'--jsn' is not an argument"),

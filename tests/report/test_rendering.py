@@ -27,6 +27,8 @@ from hiltest.run_record.outcomes import TestOutcome
 from hiltest.run_record.run import Findings, Run, Table, TestResult
 from hiltest.verdict.verdict import decide
 
+from .comparisons import comparison
+
 Make = Callable[..., Findings]
 HOSTILE = "<script>alert('x')</script>|`\"&"
 
@@ -331,3 +333,16 @@ def test_a_long_number_at_the_right_end_of_an_axis_is_not_cut() -> None:
     (x,) = [float(x) for x, label in texts if label == "10000"]
     # A digit of DejaVu Sans, the widest of the usual fonts, is 0.64 em: 9.6 of the 15 px on a telephone.
     assert x + 9.6 / 2 * len("10000") <= 400
+
+
+@pytest.mark.parametrize("value", [9.0, 1.0], ids=["out of its limit", "within it"])
+def test_the_only_obstacle_of_a_comparison_is_printed_once_also_beside_a_missed_limit(
+    findings: Make, tmp_path: Path, value: float
+) -> None:
+    obstacle = "another rig: mine (b7d25d4f) before, mine (761c7d55) now"
+    compared = comparison(obstacles=(obstacle,))
+    measurement = check("heading.direct.max", value, unit="deg", limit=Limit(max=2))
+    collected = replace(findings(measurement), comparison=compared)
+    run = collected.finish(decide(collected, pytest_exit=int(value > 2)), "2026-01-02T03:05:00Z")
+    printed = " ".join(summary(run, tmp_path, verbose=False, width=200, colour=False).split())
+    assert printed.count(obstacle) == 1

@@ -290,6 +290,22 @@ def test_a_baseline_that_is_saved_again_keeps_its_history(changed: Changed, tmp_
     assert saved["history"][1]["build_id"] == saved["side"]["build_id"]
 
 
+def test_a_failed_run_of_another_build_is_saved_with_a_warning(
+    changed: Changed, real_record: dict[str, Any], tmp_path: Path
+) -> None:
+    file, built = tmp_path / "baseline.json", real_record["board"]["build_id"]
+    assert "Warning" not in hiltest("baseline", "save", changed("run"), file).stdout
+    failed = [
+        row | ({"value": 9.0, "outcome": "fail"} if row["name"] == "heading.direct.max" else {})
+        for row in real_record["measurements"]
+    ]
+    done = hiltest("baseline", "save", changed("red", {"measurements": failed, "board.build_id": "aaaa"}), file)
+    assert done.returncode == 0, done.stderr
+    saved, warning = done.stdout.splitlines()
+    assert saved.endswith(f" of build aaaa, seed 1, in place of build {built}")
+    assert f"the verdict of {tmp_path / 'red' / 'run.json'} is FAIL: heading.direct.max 9 deg (at most 1.8)" in warning
+
+
 def test_what_is_no_baseline_is_never_overwritten_by_one(changed: Changed, tmp_path: Path) -> None:
     run = changed("run")
     before = run.read_bytes()

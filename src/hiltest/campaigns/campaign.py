@@ -209,7 +209,7 @@ def _conclude(
     )
     write_atomically(out / CAMPAIGN_FILE, page)
     if comparison is not None:
-        print_changes(standard_output(), comparison)
+        print_changes(standard_output(), comparison, sentence=sentence)
         say_how_to_keep(standard_output(), comparison, str(out), options)
     click.echo(f"{out / SEEDS_FILE}, {CAMPAIGN_FILE}")
     if remark := append_to_job_summary(page, out / CAMPAIGN_FILE):

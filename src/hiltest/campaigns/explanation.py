@@ -24,6 +24,10 @@ from hiltest.virtual.profiling.line_changes import LineChange, line_changes
 
 _ORDER = (Change.WORSE, Change.GONE, Change.CHANGED, Change.BETTER, Change.NEW, Change.NOT_TAKEN)
 _MOST_FUNCTIONS = 4
+_ALIKE = (
+    "no line of these calibrators costs more or less on their 100 points; the change shows at other points, such as "
+    "those of spread and worst_found"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +116,7 @@ def _changed_functions(
     if not names:
         return (), "cycles of no calibrator changed; hiltest profile calls other functions"
     functions = tuple(_compare_lines(names[:_MOST_FUNCTIONS], *sides))
-    return functions, "" if functions else "no line of these calibrators costs more or less"
+    return functions, "" if functions else _ALIKE
 
 
 def _compare_lines(names: Sequence[str], base: BoardCalibrators, new: BoardCalibrators) -> Iterator[ChangedFunction]:

@@ -11,7 +11,7 @@ import click
 
 from hiltest.commands.options import documented
 from hiltest.errors import ConfigError
-from hiltest.text import format_count, format_number
+from hiltest.text import format_count, format_number, join_words
 
 if TYPE_CHECKING:
     from hiltest.report.comparison_text import Comparisons
@@ -86,22 +86,29 @@ def save(run: tuple[Path, ...], file: Path) -> tuple[int, Saved]:
     """Write the measurements of RUN to FILE, except the volatile ones.
 
     RUN is a run.json, the folder of a run, or the folder of a campaign (hiltest run --seeds). An existing
-    baseline is replaced and keeps its history.
+    baseline is replaced and keeps its history. A run that failed is saved with a warning.
 
     Save five or more runs of one firmware on a real board: they show how much runs differ by noise alone.
     """
     from hiltest.run_record.run import utc_now
+    from hiltest.verdict import compare
     from hiltest.verdict.baseline import baseline_of, renewed
+    from hiltest.verdict.evidence import no_evidence
     from hiltest.verdict.evidence_reader import read_runs
 
     before = _existing_baseline(file)
-    saved = baseline_of(read_runs(run), utc_now())
+    runs = read_runs(run)
+    saved = baseline_of(runs, utc_now())
+    replaced = before.side.build_id if before is not None else saved.side.build_id
     if before is not None:
         saved = renewed(saved, before)
     _write(saved, file)
     click.echo(
         f"{file}: {_count_measurements(len(saved.measurements))} of build {saved.side.build_id}, {_seeds(saved)}"
+        + (f", in place of build {replaced}" if replaced != saved.side.build_id else "")
     )
+    if failed := compare.compare(no_evidence(""), runs).failed:
+        click.echo(f"Warning: the verdict of {runs.name} is FAIL: {join_words(failed, 2)}; {file} has its numbers.")
     return 0, Saved(str(file), len(saved.measurements), saved.side.build_id, saved.seeds)
 
 

@@ -125,7 +125,7 @@ def pytest_options(values: Mapping[str, object]) -> list[str]:
     return [f"{setting(name).flag}={value}" for name, value in values.items() if value is not None]
 
 
-def seed_range(_context: click.Context, _parameter: click.Parameter, text: str | None) -> range | None:
+def seed_range(_context: click.Context | None, _parameter: click.Parameter | None, text: str | None) -> range | None:
     """Parse ``A..B``, both ends included."""
     if text is None:
         return None

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from hiltest.commands.options import json_option
+from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
     from hiltest.virtual.profiling.image import ProfiledImage
@@ -137,9 +139,16 @@ def profile(
     image = _image(path, **counted)
     image.report_waits(lambda line: click.echo(line, err=True))
     has_table = "calibrators" in image.board.image.symbols and function not in image.board.image.symbols
-    calibrators = BoardCalibrators(path) if has_table and not (arguments or any(counted.values())) else None
+    calibrators = BoardCalibrators(path) if has_table else None
     if calibrators and function in calibrators.names:
         called = calibrators.profile(function)
+        if arguments or any(counted.values()):
+            raise ConfigError(
+                f"{function} is a calibrator, which is called with 100 points, without arguments and options for its "
+                f"timing; leave them out, or name its function: {called.function}"
+            )
+    elif calibrators and (near := get_close_matches(function, calibrators.names, n=1)):
+        raise ConfigError(f"{path.name}: no function and no calibrator {function!r}; did you mean {near[0]!r}?")
     else:
         called = image.call(function, *values, timeout_s=timeout_s)
     document = documents.document(called, path, arguments, inputs, values, memory=image.memory, part=image.part)

@@ -17,14 +17,14 @@ import click
 from hiltest import __version__
 from hiltest.commands.options import documented, parsed
 from hiltest.errors import ConfigError
-from hiltest.session.operator_prompt import ask
-from hiltest.session.rig_proposal import ask_for_option, is_dialogue, legible_name, propose_rig
+from hiltest.session.rig_proposal import ask_for_option, ask_user, is_dialogue, legible_name, propose_rig
 from hiltest.session.settings import DEFAULT_OUT, file_name
 
 _EXIT_CODES = """
 \b
 Exit codes:
   0   the files are written, and the firmware passed
+  2   interrupted
   4   usage: an option, the ELF or a file in the way is wrong
   other codes: those of hiltest run, whose verdict is printed
 """
@@ -39,6 +39,7 @@ _BUILDS = {
 }
 _MOST_ELFS = 9
 _ACTION = re.compile(r"[\w.-]+/[\w.-]+@[\w./-]+( # .*)?")
+_UNKNOWN_ACTION = f"OWNER/hiltest@v{__version__}"
 _ACTION_FORM = f"OWNER/NAME@REF, such as OWNER/hiltest@v{__version__}"
 _ADD_BUILD = "Add a step that builds it, or remove the workflow and repeat with --build COMMAND."
 _TEXT = """name: hiltest
@@ -139,14 +140,16 @@ def start(elf: str | None, build: str | None, action: str | None) -> tuple[int, 
     if workflow:
         _write(_WORKFLOW, workflow)
     committed = [rig, baseline, _WORKFLOW, Path(".gitignore")]
-    if command == "":
-        if _is_ignored(folder, firmware):
-            click.echo(
-                f"The workflow cannot find {firmware}: git ignores it, and {_WORKFLOW} does not build it. {_ADD_BUILD}"
-            )
-        else:
-            committed.insert(0, firmware)
-    _show_files([path for path in committed if path])
+    is_missing = command == "" and _is_ignored(folder, firmware)
+    if command == "" and not is_missing:
+        committed.insert(0, firmware)
+    _show_files(folder, [path for path in committed if path])
+    if is_missing:
+        click.echo(
+            f"The workflow cannot find {firmware}: git ignores it, and {_WORKFLOW} does not build it. {_ADD_BUILD}"
+        )
+    if f" {_UNKNOWN_ACTION}\n" in workflow:
+        click.echo(f"Replace OWNER in {_WORKFLOW} by the owner of hiltest's repository.")
     _open_report(folder / DEFAULT_OUT / "report.html")
     return code, Started(str(firmware), str(rig) if rig else None, str(baseline), str(_WORKFLOW), code)
 
@@ -185,7 +188,9 @@ def _write_rig(folder: Path, firmware: Path) -> tuple[Path | None, bool]:
     from hiltest.rig.rig_file import load_rig
 
     rig = Path("hil", "rigs", f"{legible_name(firmware.stem)}.toml")
-    if not rig.exists():
+    if rig.exists():
+        click.echo(f"{rig} exists and is used; without it, the command proposes a new one.")
+    else:
         if (text := propose_rig(rig.stem, folder, firmware)) is None:
             return None, True
         _write(rig, text)
@@ -198,7 +203,7 @@ def _build_command(folder: Path, firmware: Path, build: str | None) -> str:
     if build is not None or not is_dialogue():
         return command if build is None else build
     default = command or ("added to the workflow later" if _is_ignored(folder, firmware) else "none, it is committed")
-    return ask(f"Which command builds {firmware} in a clean checkout? Enter: {default}\n> ").strip() or command
+    return ask_user(f"Which command builds {firmware} in a clean checkout? Enter: {default}\n> ") or command
 
 
 def _workflow_text(
@@ -208,11 +213,10 @@ def _workflow_text(
     action = action or _own_action()
     if action is None and is_dialogue():
         question = "Which repository has hiltest, as OWNER/NAME@TAG? Enter: fill it in later\n> "
-        while (action := ask(question).strip()) and not _ACTION.fullmatch(action):
+        while (action := ask_user(question)) and not _ACTION.fullmatch(action):
             click.echo(f"{action} is not {_ACTION_FORM}.")
     if not action:
-        action = f"OWNER/hiltest@v{__version__}"
-        click.echo(f"Replace OWNER in {_WORKFLOW} by the owner of hiltest's repository.")
+        action = _UNKNOWN_ACTION
     commands = "\n".join(f"          {line}" for line in command.splitlines())
     return _TEXT.format(
         branch=_quoted(_branch(folder)),
@@ -270,8 +274,10 @@ def _hiltest(*words: str) -> int:
     return subprocess.run([sys.executable, "-m", "hiltest", *words], stdout=sys.stdout.fileno(), check=False).returncode
 
 
-def _show_files(files: list[Path]) -> None:
-    click.echo("Commit these files; the workflow judges every push and pull request:")
+def _show_files(folder: Path, files: list[Path]) -> None:
+    has_git = _git(folder, "rev-parse", "--git-dir").returncode == 0
+    use = "Commit these files" if has_git else "Put these files into a git repository on GitHub"
+    click.echo(f"{use}; the workflow judges every push and pull request:")
     for path in files:
         click.echo(f"  {path}")
 

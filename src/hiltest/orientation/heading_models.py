@@ -36,6 +36,9 @@ _NEAR_NORTH_DEG = 5.0
 _DRAWS = 16
 _MOST_UNCERTAIN = 0.5
 AVERAGED = "headings averaged across 0 and 360 degrees"
+_ROUNDED = "whole degrees"
+_NEAR_A_STEP = 0.1  # distance of a rounded answer from a multiple, as a share of the step: an answer may be a mean
+_LEAST_ROUNDED = 2.0 / 3.0  # share of answers that are multiples; of unrounded ones a fifth are near one
 _PLACE_OF_AVERAGE = "the average or filter of headings: average their sines and cosines"
 _SAMPLES, _STARTS = 200, 3
 _STEP = 1e-5
@@ -211,6 +214,7 @@ def fit_causes(poses: Poses) -> Explanation:
     noise.
     """
     models = [model for model in (*MODELS, *models_of_run(poses)) if model.stage in poses.stages]
+    models = [possible for model in models if (possible := _leave_out_refuted_steps(model, poses)) is not None]
     bases = sets = [_fit(poses, ())]
     for number in range(MOST_CAUSES if models else 0):
         further = [
@@ -231,6 +235,16 @@ def fit_causes(poses: Poses) -> Explanation:
                 bases.append(min(further, key=lambda fit: _scores(poses, fit.answers_deg, width) + fit.penalty))
             bases = list(dict.fromkeys(bases))
     return _explanation(poses, _choose(sets), sets)
+
+
+def _leave_out_refuted_steps(model: Model, poses: Poses) -> Model | None:
+    """Return a model; of rounding only the steps whose multiples most answers are, and None without such a step."""
+    if model.name != _ROUNDED or model.choices is None:
+        return model
+    answered_steps = poses.answered_deg / model.choices  # shape (k, n)
+    is_near = np.abs(answered_steps - np.round(answered_steps)) < _NEAR_A_STEP
+    steps = model.choices[is_near.mean(axis=1) > _LEAST_ROUNDED]
+    return replace(model, choices=steps) if len(steps) else None
 
 
 def _pairs(models: Sequence[Model]) -> list[tuple[tuple[Model, Model], Array]]:
@@ -755,7 +769,7 @@ MODELS: tuple[Model, ...] = (
         choices=_column(4.0, 8.0, 16.0, 32.0),
     ),
     Model(
-        "whole degrees",
+        _ROUNDED,
         Stage.HEADING,
         _OUTPUT,
         lambda heading, step: heading % 360.0 // step[0] * step[0],

@@ -35,7 +35,7 @@ def print_comparison(console: Console, comparison: Comparison) -> None:
     """Print the sentence, the obstacles of the gate, and every measurement that changed."""
     say(console, f"{_description(comparison.base)} -> {_description(comparison.new)}")
     say(console, comparison.sentence, "" if comparison.answer is Answer.MAY else "bold red")
-    print_changes(console, comparison)
+    print_changes(console, comparison, sentence=comparison.sentence)
     limited = [
         difference for difference in comparison.differences if difference.limit is not None and seen_from(difference)
     ]
@@ -50,12 +50,13 @@ def print_smallest_changes(console: Console, heading: str, detectable: Mapping[s
         _entries(console, [", ".join(f"{name} {format_number(change, 2)}" for name, change in detectable.items())])
 
 
-def print_changes(console: Console, comparison: Comparison, *, at_most: int | None = None) -> None:
-    """Print the obstacles of the gate, and the changes: all of them, or at most some of each kind."""
+def print_changes(console: Console, comparison: Comparison, *, sentence: str, at_most: int | None = None) -> None:
+    """Print obstacles of the gate, unless a printed sentence has the only one, and all changes or some of each kind."""
     if comparison.remark:
         say(console, comparison.remark, "yellow")
-    if len(comparison.obstacles) > 1:
-        say(console, f"{len(comparison.obstacles)} reasons why it is not evaluated", "bold red")
+    if not all(obstacle.rstrip(".") in sentence for obstacle in comparison.obstacles):
+        count = len(comparison.obstacles)
+        say(console, f"{count} reason{'s' * (count != 1)} why it is not evaluated", "bold red")
         _entries(console, comparison.obstacles)
     for change, differences in shown(comparison):
         say(console, f"{change} ({len(differences)})", _STYLES.get(change, "bold"))

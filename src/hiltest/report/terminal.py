@@ -84,7 +84,8 @@ def summary(run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, 
     if verbose:
         _print_everything(console, run)
     if run.comparison is not None:
-        print_changes(console, run.comparison, at_most=None if verbose else _CHANGES_AT_MOST)
+        sentence = "" if run.verdict.exit_code == ExitCode.FAILED else run.verdict.sentence
+        print_changes(console, run.comparison, sentence=sentence, at_most=None if verbose else _CHANGES_AT_MOST)
         say_how_to_keep(console, run.comparison, shown_path(folder), options)
     count = format_count(len(run.measurements), "measurement")
     more = "" if verbose else f"; -v prints {'it' if len(run.measurements) == 1 else 'them'}"

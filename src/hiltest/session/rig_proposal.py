@@ -10,8 +10,6 @@ from pathlib import Path
 
 import click
 
-from hiltest.session.operator_prompt import ask
-
 _LONGEST_NAME = 64
 
 
@@ -70,11 +68,16 @@ def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
     return text
 
 
+def ask_user(question: str) -> str:
+    """Ask a user at a terminal, and return the typed line; the end of the input interrupts the command."""
+    return str(click.prompt(question, default="", prompt_suffix="", show_default=False)).strip()
+
+
 def ask_for_option(question: str, options: Sequence[str]) -> int:
     """Ask for one of several options, and return its index; Enter selects the first."""
     listed = "\n".join(f"  {number} {option}" for number, option in enumerate(options, start=1))
     while True:
-        answer = ask(f"{question}\n{listed}\n[1] ").strip() or "1"
+        answer = ask_user(f"{question}\n{listed}\n[1] ") or "1"
         if answer in (numbers := [str(number) for number, _ in enumerate(options, start=1)]):
             return numbers.index(answer)
         click.echo(f"Answer with a number from 1 to {len(options)}.")
