@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from hiltest.calibration.direct_batch import QuadricBatch, fit_quadrics
 from hiltest.calibration.fit import Array, FitStatus
@@ -87,7 +87,9 @@ def conclude(plan: Plan, by_noise: Sequence[Sequence[Numbers]]) -> Conclusion:
     variances = np.maximum(sums[..., 4:] - counts * means**2, 0.0) / np.maximum(counts - 1.0, 1.0)
     # Half of the 95 % interval of each mean, from Student's distribution.
     errors = np.where(
-        counts > 1.0, t.ppf(0.975, np.maximum(counts - 1.0, 1.0)) * np.sqrt(variances / np.maximum(counts, 1.0)), np.inf
+        counts > 1.0,
+        stdtrit(np.maximum(counts - 1.0, 1.0), 0.975) * np.sqrt(variances / np.maximum(counts, 1.0)),
+        np.inf,
     )
     offset, calibrated, sensitivity = means[:, 0].T.tolist()
     own = [
