@@ -120,10 +120,10 @@ def row(tried: Tried, ended: Ended, faults: Faults | None, clean: Ended) -> str:
         reads = "the numbers of a run without faults"
     else:
         how = f"{ended.code}, connection lost after {ended.virtual_s - begin_s(faults):.1f} s"
-        # Where the firmware is then is another place with each build of it, and so are its registers.
+        # The place of the firmware at that moment differs between builds.
         reads = re.sub(r": the firmware is (?!hung)[^.]*\([^)]*\)", "", ended.sentence)
         reads = re.sub(r"(in a branch to itself in \w+) \([^)]*\)", r"\1", reads)
-        reads = re.sub(r"0x[0-9a-f]{8}(?: in (\w+) \([^)]*\))(?:; r0=.*?(?=\. \d+ measurements))?", r"\1", reads)
+        reads = re.sub(r"0x[0-9a-f]{8}(?: in (\w+) \([^)]*\))", r"\1", reads)
     return f"| {tried.what} | {text} | {how} | {reads} | {len(ended.numbers)} of {len(clean.numbers)} |"
 
 

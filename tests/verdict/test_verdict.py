@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from hiltest.errors import BoardFault
 from hiltest.measurement import CycleRange, Limit, Measurement, check, identify
 from hiltest.report.overview import accuracy_and_cost
 from hiltest.run_record.comparison import Comparison, Side
@@ -328,6 +329,15 @@ def test_a_lost_bench_says_what_happened_and_what_is_kept(findings: Make) -> Non
     verdict = decide(run, pytest_exit=1)
     assert verdict.sentence == "CONNECTION LOST: lost /dev/ttyACM0: unplugged. 1 measurement kept."
     assert (verdict.exit_code, verdict.complete) == (20, False)
+
+
+def test_a_fault_of_the_firmware_is_told_without_the_registers(findings: Make) -> None:
+    fault = BoardFault("write to flash", pc=0x694, function="take", location="a.c:9", registers={"r0": 1, "xpsr": 2})
+    lost = TestResult("a", TestOutcome.CONNECTION_LOST, 1, reason=f"the firmware reset itself, after: {fault}")
+    assert decide(findings(tests=(lost,)), pytest_exit=1).sentence == (
+        "CONNECTION LOST: the firmware reset itself, after: write to flash at 0x00000694 in take (a.c:9). "
+        "0 measurements kept."
+    )
 
 
 def test_a_bench_lost_after_a_failure_is_said_behind_it(findings: Make, good: list[Measurement]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,7 @@ TIE_DEG = 0.1
 """Worst headings this close count as equal: a tenth of the resolution of a compass limit of 1 or 2 degrees."""
 
 _NAMED_AT_MOST = 3
+_REGISTERS = re.compile(r";( \w+=0x[0-9a-f]{8})+")  # of a `BoardFault`; the test's own entry has them
 _CALIBRATOR = "{calibrator}"
 _UNTRIMMED = "-untrimmed"
 # Calibrations against gravity that only the full set makes.
@@ -120,7 +122,7 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
                 _as_sentence(unmeasured_in_words(summary.unmeasured)),
                 "" if is_red else _best_results(summary, len(poses.rows) if poses else 0),
                 *(
-                    f"{test.outcome.capitalize()}: {_end_with_period(test.reason)}"
+                    f"{test.outcome.capitalize()}: {_end_with_period(_fault(test.reason))}"
                     for test in _bench_failures(findings)[:1]
                 ),
                 _left_out_words(left_out),
@@ -200,8 +202,8 @@ def failure_in_words(failure: Failure) -> str:
 
 
 def _fault(reason: str) -> str:
-    """Return the message of a failed test without the likely cause, which has a sentence of its own."""
-    return reason.partition(LIKELY_CAUSE)[0]
+    """Return the message of a failed test without registers, and without the likely cause, which has a sentence."""
+    return _REGISTERS.sub("", reason).partition(LIKELY_CAUSE)[0]
 
 
 def _opening(word: str, comparison: Comparison | None) -> str:
@@ -328,7 +330,7 @@ def _stop_reason(findings: Findings) -> str:
     stopped = _bench_failures(findings)
     if not stopped or _has_failed(findings):
         return ""
-    return _end_with_period(stopped[0].reason)
+    return _end_with_period(_fault(stopped[0].reason))
 
 
 def _end_with_period(reason: str) -> str:
