@@ -29,6 +29,18 @@ def imported_by(code: str, *, path: Path | None = None, **variables: str) -> sub
     return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=60)
 
 
+def test_a_memory_for_which_the_computer_has_none_left_is_a_lack_of_memory() -> None:
+    code = (
+        "import resource; from hiltest.virtual.core.machine import Machine; "
+        "from hiltest.virtual.model.profile_file import load_profile; "
+        "machine = Machine(load_profile('cortex-m4-trm/3')); "
+        "resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30)); "
+        "machine.add_memory(0, 1 << 31, writable=True)"
+    )
+    ended = imported_by(code)
+    assert ended.stderr.splitlines()[-1].startswith("MemoryError: ")
+
+
 def test_the_interface_is_plain_for_c_and_cffi() -> None:
     text = CORE_INTERFACE.read_text(encoding="utf-8")
     assert [line for line in text.splitlines() if line.lstrip().startswith("#")] == []

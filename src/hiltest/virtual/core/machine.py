@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from errno import ENOMEM
 from typing import Any, NamedTuple
 
 from hiltest.errors import ConfigError
@@ -125,8 +126,13 @@ class Machine:
         ------
         ConfigError
             If it overlaps another one, or there are too many memories.
+        MemoryError
+            If the computer has no memory left for it.
         """
+        ffi.errno = 0
         pointer = lib.machine_add_memory(self.handle, base, size, writable)
+        if pointer == ffi.NULL and ffi.errno == ENOMEM:
+            raise MemoryError(f"no memory is left for the board's memory of {size} bytes")
         if pointer == ffi.NULL:
             raise ConfigError(f"the memory 0x{base:08x}..+0x{size:x} overlaps another one, or there are too many")
         return memoryview(ffi.buffer(pointer, size)).toreadonly()
