@@ -1,4 +1,4 @@
-"""Totals of tests that count what happened to many inputs; a plugin prints them at the end, over all processes."""
+"""Totals of tests that count the outcomes of many inputs; a plugin prints them at the end, over all processes."""
 
 from __future__ import annotations
 

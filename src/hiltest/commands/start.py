@@ -40,7 +40,7 @@ _BUILDS = {
 _MOST_ELFS = 9
 _ACTION = re.compile(r"[\w.-]+/[\w.-]+@[\w./-]+( # .*)?")
 _UNKNOWN_ACTION = f"OWNER/hiltest@v{__version__}"
-_ACTION_FORM = f"OWNER/NAME@REF, such as OWNER/hiltest@v{__version__}"
+_ACTION_FORM = f"OWNER/NAME@REF, such as {_UNKNOWN_ACTION}"
 _ADD_BUILD = "Add a step that builds it, or remove the workflow and repeat with --build COMMAND."
 _TEXT = """name: hiltest
 
@@ -131,7 +131,7 @@ def start(elf: str | None, build: str | None, action: str | None) -> tuple[int, 
     code = _hiltest("run", "--firmware", str(firmware), *options)
     if code not in (0, 1):
         if rig:
-            click.echo(f"Correct {rig} and repeat hiltest start; hiltest listen --rig {rig} shows what it understands.")
+            click.echo(f"Correct {rig} and repeat hiltest start; hiltest listen --rig {rig} shows its values.")
         return code, Started(str(firmware), str(rig) if rig else None, None, None, code)
     if not baseline.exists():
         baseline.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The operator's page in a browser: what is in sight in a tumble, the button to stop, and the report at the end."""
+"""The operator's page in a browser: the parts in sight in a tumble, the button to stop, and the report at the end."""
 
 from __future__ import annotations
 
