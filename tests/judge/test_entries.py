@@ -123,15 +123,29 @@ def test_a_source_is_judged_on_the_core_and_timed_on_the_host(write: Write) -> N
         assert entry.answer(WORLD).cycles == answer.cycles
 
 
+CPP = (
+    '#include "hiltest_judge.h"\n#include <{header}>\n'
+    "struct Sum {{ float x = 0; void add(float y) {{ x += {function}(y, 1.0f); }} }};\n"
+    f"{SIGNATURE}\n"
+    "{{ Sum sum; for (int i = 0; i < n; i++) sum.add(samples[i][0]); hard_iron[0] = sum.x; "
+    "for (int i = 0; i < 3; i++) soft_iron[i][i] = 1.0f; return 0; }}\n"
+)
+SUM_OF_ANGLES = np.arctan2(WORLD.samples_ut[:, 0], 1.0).sum()
+
+
 def test_cpp_with_a_member_and_a_call_of_the_mathematical_library_is_a_source_too(write: Write) -> None:
-    text = (
-        '#include "hiltest_judge.h"\n#include <cmath>\n'
-        "struct Sum { float x = 0; void add(float y) { x += std::atan2(y, 1.0f); } };\n"
-        f"{SIGNATURE}\n{{ Sum sum; for (int i = 0; i < n; i++) sum.add(samples[i][0]); hard_iron[0] = sum.x; "
-        "for (int i = 0; i < 3; i++) soft_iron[i][i] = 1.0f; return 0; }\n"
-    )
-    expected = np.arctan2(WORLD.samples_ut[:, 0], 1.0).sum()
-    assert answer_of(write(text, "mine.cpp")).hard_iron_ut[0] == pytest.approx(expected, abs=1e-3)  # a float32 sum
+    source = write(CPP.format(header="math.h", function="atan2f"), "mine.cpp")
+    assert answer_of(source).hard_iron_ut[0] == pytest.approx(SUM_OF_ANGLES, abs=1e-3)  # a float32 sum
+
+
+def test_cpp_that_needs_its_standard_library_is_compiled_or_told_which_package_has_it(write: Write) -> None:
+    source = write(CPP.format(header="cmath", function="std::atan2"), "mine.cpp")
+    command = ["arm-none-eabi-g++", "-print-file-name=libstdc++.a"]
+    if Path(subprocess.run(command, check=True, capture_output=True, text=True, timeout=60).stdout).parent.name:
+        assert answer_of(source).hard_iron_ut[0] == pytest.approx(SUM_OF_ANGLES, abs=1e-3)
+    else:
+        with pytest.raises(ConfigError, match=r"mine\.cpp.*cmath(.|\n)*libstdc\+\+-arm-none-eabi-newlib"):
+            answer_of(source)
 
 
 def test_an_elf_is_judged_by_the_name_of_its_function(write: Write, tmp_path: Path) -> None:

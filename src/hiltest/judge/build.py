@@ -32,6 +32,10 @@ _ZIG_TARGET = (
 )  # with the C library musl, which zig brings along
 _TIMEOUT_S = 600.0  # zig compiles its C library at first use, which takes a minute or two
 _LONGEST_MESSAGE = 2000
+_CPP_LIBRARY_ADVICE = (
+    "\nThis compiler lacks the standard library of C++: if the source needs it, install it (Debian: "
+    "libstdc++-arm-none-eabi-newlib)."
+)
 # Code in SRAM_L and data in SRAM_U of the MK64FN1M0, where nothing waits: without a part with memories.
 _CODE, _DATA = (0x1FFF0000, 0x10000), (0x20000000, 0x20000)
 _LINKER_SCRIPT = """\
@@ -102,7 +106,12 @@ def build_image(source: Path, functions: Sequence[str], folder: Path, *, part: s
     common += ["-Wl,--gc-sections", *(f"-Wl,-u,{function}" for function in functions), "-o", str(image), str(source)]
     if command := shutil.which("arm-none-eabi-g++" if is_cpp else "arm-none-eabi-gcc"):
         cpu = [f"-mcpu={core}", "-mthumb", *_FPU_FLAGS.get(core, ())]
-        _run([command, *cpu, "-nostartfiles", "--specs=nosys.specs", "-Wl,--no-warnings", *common, "-lm"], source)
+        options = [*cpu, "-nostartfiles", "--specs=nosys.specs", "-Wl,--no-warnings", *common, "-lm"]
+        c_driver = shutil.which("arm-none-eabi-gcc")
+        if is_cpp and c_driver and not _has_cpp_library(command):
+            _run([c_driver, *options], source, advice=_CPP_LIBRARY_ADVICE)
+        else:
+            _run([command, *options], source)
         return Build(image, f"{_version([command])} {FLAGS}")
     if core != _CORTEX_M4:
         raise ConfigError(f"{source}: install arm-none-eabi-gcc, because zig compiles sources for a Cortex-M4 only")
@@ -138,14 +147,21 @@ def _zig(*, is_cpp: bool) -> list[str]:
     return [sys.executable, "-m", "ziglang", "c++" if is_cpp else "cc"]
 
 
-def _run(command: Sequence[str], source: Path) -> None:
+def _has_cpp_library(command: str) -> bool:
+    """Return whether a compiler has the standard library of C++, which Debian packages apart from the compiler."""
+    name = "libstdc++.a"
+    done = subprocess.run([command, f"-print-file-name={name}"], capture_output=True, text=True, timeout=_TIMEOUT_S)
+    return done.stdout.strip() != name
+
+
+def _run(command: Sequence[str], source: Path, *, advice: str = "") -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S)
     except subprocess.TimeoutExpired as error:
         raise ConfigError(f"{source}: the compiler did not end within {_TIMEOUT_S:.0f} s") from error
     if done.returncode:
         message = (done.stderr or done.stdout).strip()[:_LONGEST_MESSAGE]
-        raise ConfigError(f"{source}: {_compiler_name(command)} cannot compile it:\n{message}")
+        raise ConfigError(f"{source}: {_compiler_name(command)} cannot compile it:\n{message}{advice}")
 
 
 def _compiler_name(command: Sequence[str]) -> str:
