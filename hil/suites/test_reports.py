@@ -135,13 +135,12 @@ def test_headings_settle(known_angles: ReportedAngles, board: Board, measure: Me
         measure("device.not_understood", min(stream.not_understood for stream in streams), "")
 
 
-def test_cycles_of_the_functions_that_the_rig_names(
-    known_angles: ReportedAngles, board: Board, rig: Rig, measure: Measure
+def test_cycles_of_the_firmware_and_of_the_functions_that_the_rig_names(
+    known_angles: ReportedAngles, board: Board, measure: Measure
 ) -> None:
-    if not rig.cycles:
-        pytest.skip("the rig names no function under [cycles]")
     if board.costs is None:
         pytest.skip("this board does not execute the firmware where it could be seen")
+    measure("cycles.awake.share", 100.0 * board.costs.awake_share(), "%")
     model = board.cycle_model
     for name, calls in board.costs.calls().items():
         reason = calls.refusal or ("" if calls.calls else f"{calls.function} was not called")

@@ -57,6 +57,9 @@ class Costs(Protocol):
     def solutions(self) -> Mapping[str, SolutionSummary]:
         """Return a summary of each function's solutions, by its name in the rig."""
 
+    def awake_share(self) -> float:
+        """Return the share of the time since power-on in which the processor did not sleep."""
+
     def latest_solution(self) -> LatestSolution | None:
         """Return the most recent solution of any solver; None without one."""
 
@@ -113,6 +116,11 @@ class FunctionCosts:
             name: (function, watch.stack(function) if isinstance(watch, CallWatch) else watch.stack)
             for name, (function, watch) in self._watches.items()
         }
+
+    def awake_share(self) -> float:
+        """See `Costs.awake_share`."""
+        processor = self._machine.processor
+        return 1.0 - processor.idle_cycles / max(processor.now(), 1)
 
     def latest_solution(self) -> LatestSolution | None:
         """See `Costs.latest_solution`."""

@@ -13,7 +13,7 @@ from hiltest.interfaces.candidate_variables import variable_candidates
 from hiltest.interfaces.candidates import ANGLES, Candidate, best_first, words_of
 from hiltest.interfaces.quantities import Quantity
 from hiltest.measurement.units import unit_words
-from hiltest.virtual.program.elf import FirmwareImage
+from hiltest.virtual.program.elf import FirmwareImage, Symbol
 
 #: Function that asks which of several candidates is meant, and returns its number.
 Choose = Callable[[str, Sequence[str]], int]
@@ -30,6 +30,7 @@ _NO_WORK = re.compile(
     r"\b(?:init\w*|save|load|get|set|erase|print|reset|clear|read|write|send|to|from|adc\d*|clock|irc|osc|handler|irq"
     r"|start|stop|test|config\w*|is|free|acc\w*|gyro\w*|auto)\b"
 )
+_WAITS = re.compile(r"\b(?:wait\w*|sleep\w*|delay\w*|idle|yield|pause)\b")
 _MOST_SHOWN = 6  # candidates of a quantity, which fit on a screen
 _MOST_COUNTED = 8
 _CALIBRATION = (Quantity.HARD_IRON, Quantity.INVERSE_SOFT_IRON)
@@ -146,16 +147,22 @@ def _set_own_unit(candidate: Candidate) -> Candidate:
 
 def _functions(image: FirmwareImage) -> tuple[str, ...]:
     largest_first = sorted(image.functions, key=lambda function: -function.size)
-    names = [
-        function.name
-        for function in largest_first
-        if function.size and re.fullmatch(r"[A-Za-z_]\w*", function.name, re.ASCII)
-    ]
+    names = [function.name for function in largest_first if is_countable(function)]
     words = {name: " ".join(words_of(name)) for name in names}
     names_of_work = [
         name for name, its_words in words.items() if _WORK.search(its_words) and not _NO_WORK.search(its_words)
     ]
     return tuple(names_of_work[:_MOST_COUNTED])
+
+
+def is_countable(function: Symbol) -> bool:
+    """Return whether a function has code, and a name that is a key of a table."""
+    return bool(function.size and re.fullmatch(r"[A-Za-z_]\w*", function.name, re.ASCII))
+
+
+def is_wait(name: str) -> bool:
+    """Return whether a function waits, by its name."""
+    return bool(_WAITS.search(" ".join(words_of(name))))
 
 
 def chosen_kind(proposals: Proposals, choose: Choose | None) -> InterfaceKind | None:
@@ -176,7 +183,7 @@ def rig_text(
     choose: Choose | None,
     machine: str | None = None,
 ) -> str:
-    """Return the text of a rig.
+    """Return the text of a rig, without functions whose cycles are counted.
 
     Parameters
     ----------
@@ -196,7 +203,6 @@ def rig_text(
         for part in base.split("\n\n")
         if re.search(rf"(?m)^\[\[?(?:{'|'.join(tables)})(?:\.parts\])?\]$", part)
     ]
-    counted = [f"{function} = {json.dumps(function)}" for function in proposals.functions]
     board = '[board]\nkind = "virtual"\n' + (f'machine = "{machine}"\n' if machine else "")
     board += f"firmware = {json.dumps(firmware, ensure_ascii=False)}"
     parts = [
@@ -207,10 +213,15 @@ def rig_text(
         *([_REAL_BOARD] if firmware is None else [board]),
         *_device(proposals, kind, choose),
         *world,
-        *(["\n".join(["# Functions whose cycles are counted.", "[cycles]", *counted])] if counted and firmware else []),
         '[limits]\n"heading.firmware.max" = { max = 2.0, unit = "deg" }      # your requirement',
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def cycles_text(functions: Sequence[str]) -> str:
+    """Return the table ``[cycles]`` with the first of some functions; empty without one."""
+    lines = [f"{function} = {json.dumps(function)}" for function in functions[:_MOST_COUNTED]]
+    return "\n".join(["\n# Functions whose cycles are counted.", "[cycles]", *lines, ""]) if lines else ""
 
 
 def _device(proposals: Proposals, kind: InterfaceKind | None, choose: Choose | None) -> list[str]:

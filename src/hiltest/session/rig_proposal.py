@@ -5,12 +5,17 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
 
+from hiltest.errors import HiltestError
+
 _LONGEST_NAME = 64
+_WATCHED_S = 20.0  # tumble in which functions are watched
+_LEAST_SHARE = 0.0005  # share of the processor's time from which a function is busy: the tolerance of that share
 
 
 def is_dialogue() -> bool:
@@ -33,7 +38,7 @@ def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
     ConfigError
         If the file is no firmware.
     """
-    from hiltest.interfaces.proposed_rig import chosen_kind, look_at, rig_text
+    from hiltest.interfaces.proposed_rig import chosen_kind, cycles_text, look_at, rig_text
     from hiltest.rig.bench_files import shipped
     from hiltest.virtual.program.elf import load_image
     from hiltest.virtual.program.other_chips import other_chip
@@ -58,6 +63,9 @@ def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
         choose=choose,
         machine=machine,
     )
+    if machine or not chip:
+        rig = around / "hil" / "rigs" / f"{name}.toml"
+        text += cycles_text(_busiest_first(proposals.functions, _shares(rig, text, file)))
     summary = f'kind = "{kind}"' if "\n[device]\n" in text else "none of them is certainly a heading: fill in [device]"
     if chip is not None:
         board = f"the rig is for the virtual board {machine}" if machine else "the rig is for its own board"
@@ -66,6 +74,45 @@ def propose_rig(name: str, folder: Path, firmware: Path) -> str | None:
         f"{firmware}: {proposals.found} names and texts found; {summary}. Guesses are comments in hil/rigs/{name}.toml"
     )
     return text
+
+
+def _busiest_first(named: Sequence[str], shares: Mapping[str, float]) -> list[str]:
+    """Return functions that are worth counting: the busy ones, and those called that are known by their names."""
+    called = sorted(shares, key=lambda name: -shares[name])
+    return [name for name in called if shares[name] >= _LEAST_SHARE or name in named] or list(named)
+
+
+def _shares(rig_file: Path, text: str, firmware: Path) -> dict[str, float]:
+    """Return the shares of the processor's time that functions take in a tumble.
+
+    Functions that wait, or call one that does, are left out: their time is not work. The result is empty if the
+    virtual board cannot run the firmware.
+    """
+    import numpy as np
+
+    from hiltest.boards.bench import VirtualBench
+    from hiltest.interfaces.proposed_rig import is_countable, is_wait
+    from hiltest.rig.rig_file import parse_rig
+
+    try:
+        bench = VirtualBench(parse_rig(rig_file, text.encode()), firmware=firmware)
+        bench.machine.report_waits(lambda _line: None)
+        names = Counter(symbol.name for symbol in bench.machine.image.functions if is_countable(symbol))
+        watch = bench.machine.watch_calls(name for name, symbols in names.items() if symbols == 1)
+        bench.power_on()
+        bench.begin_tumble(_WATCHED_S)
+        bench.machine.run_until(bench.time_s + _WATCHED_S)
+    except HiltestError:
+        return {}
+    waits = [call for name in watch.functions if is_wait(name) for call in watch.calls(name)]
+    begins = np.sort([call.entered for call in waits])
+    shares: dict[str, float] = {}
+    for name in watch.functions:
+        summary, calls = watch.summary(name), watch.calls(name)
+        waits_before = np.searchsorted(begins, [(call.entered, call.returned) for call in calls])
+        if calls and summary.share is not None and not np.ptp(waits_before, axis=1).any():
+            shares[name] = summary.share
+    return shares
 
 
 def ask_user(question: str) -> str:
