@@ -9,8 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from hiltest.boards import default_firmware
 from hiltest.rig.bench_files import shipped
 
+from .. import in_process
+from ..command_files import checked
 from ..finished_run import run_hiltest
 from .firmware_edits import Edit, FirmwareCopy
 
@@ -166,3 +169,34 @@ def test_a_compass_that_averages_100_samples_raises_no_alarm(
     ended = run_hiltest(tmp_path, "--rig", "slower.toml", "--firmware", str(elf))
     assert ended.code == 0, ended.output + ended.errors
     assert ended.value("heading.firmware.max") < 1.0
+
+
+TAKE = "void background_take(background_t *background, const int16_t sample[3])\n{\n"
+BUSY = f"{TAKE}    for (volatile int turn = 0; turn < 300; turn++) {{ }}\n"
+
+
+@pytest.mark.parametrize(
+    ("counted", "function"), [("", "all code"), ('background = "background_take"', "background_take")]
+)
+def test_work_that_is_added_to_a_foreign_compass_is_worse_and_explained_by_its_line(
+    copy_of_the_firmware: FirmwareCopy, tmp_path: Path, counted: str, function: str
+) -> None:
+    elf = copy_of_the_firmware.build_compass(Edit("compass/background.c", TAKE, BUSY), tmp_path / "busy.elf")
+    base = default_firmware().with_name("compass-lines.elf")
+    text = (shipped() / "rigs" / "text-compass.toml").read_text(encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(text.replace("[cycles]\n", f"[cycles]\n{counted}\n"), encoding="utf-8")
+    options = ["--rig", "rig.toml", "--poses", "level"]
+    assert run_hiltest(tmp_path, *options, "--firmware", str(base), "--out", "before").code == 0
+    after = run_hiltest(tmp_path, *options, "--firmware", str(elf), "--baseline", "before", "--out", "after")
+    assert after.code == 21, after.output + after.errors
+    words = ["after", "--firmware", str(elf), "--against", str(base), "--json"]
+    explained = checked(in_process.hiltest("explain", *words, folder=tmp_path).stdout, "hiltest.explanation/1")
+    worse = [change["name"] for change in explained["changes"] if change["change"] == "worse"]
+    assert ("cycles.awake.share" in worse, "cycles.background.median" in worse) == (True, bool(counted))
+    (changed,) = explained["functions"]
+    line = changed["lines"][0]
+    assert changed["function"] == function
+    assert line["location"].startswith("background.c:")
+    assert line["base_cycles"] == 0
+    # A turn of the loop takes 10 cycles; a call, or all 1 600 of the tumble.
+    assert line["cycles"] == pytest.approx(3_000 if counted else 1_600 * 3_000, rel=0.02)

@@ -38,7 +38,8 @@ def test_every_kind_has_a_next_step_and_a_cost_that_of_costs() -> None:
     assert [name for name, step in steps.items() if not step] == []
     costs = {step for name, step in steps.items() if KINDS[name].unit == "cycle"}
     own = measured("crc.cost", 900, unit="cycle", cycle_model="silicon-dwt").next_step
-    assert costs == {own}
+    assert costs == {own, identify("cycles.awake.share").next_step}
+    assert "hiltest explain" in identify("cycles.kalman.median").next_step
     assert identify("cycles.direct.total").next_step == own.replace("FUNCTION", "direct")
     assert own != measured("crc.errors", 9, unit="").next_step != ""
 

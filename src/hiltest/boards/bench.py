@@ -41,6 +41,8 @@ from hiltest.world.sway import SWAY_S, Sway
 
 #: Time from power-on until the firmware listens and its sensors are set up [s]: the gyroscope alone boots for 60 ms.
 START_UP_S = 0.2
+#: Duration of a tumble in which the cost of functions is seen [virtual s]; it takes some seconds of a computer.
+TUMBLE_S = 20.0
 Word = TypeVar("Word", np.int64, np.float64)
 _RESETS = {"button": ResetSource.PIN, "brown-out": ResetSource.POWER_ON}
 
@@ -287,6 +289,12 @@ class VirtualBench:
         """Schedule a turn about the vertical in `after_s`; return the time until the table stands again [s]."""
         now_s = self.machine.time_s
         return self._world.turn_round(turn_deg, rate_dps=rate_dps, time_s=now_s + after_s) - now_s
+
+    def run_in_tumble(self) -> None:
+        """Switch the board on, and run its firmware through `TUMBLE_S` of a tumble."""
+        self.power_on()
+        self.begin_tumble(TUMBLE_S)
+        self.machine.run_until(self.time_s + TUMBLE_S)
 
     def tumble_takes_s(self, duration_s: float) -> float:
         """Return the actual duration of a tumble that should take `duration_s` [s]."""

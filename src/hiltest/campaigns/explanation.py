@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 
-from hiltest.boards import default_firmware
+from hiltest.boards import BoardKind, VirtualBench, default_firmware
 from hiltest.budgets import ELF
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
 from hiltest.measurement import Measurement, identify
-from hiltest.run_record.comparison import Change, Comparison, Difference
+from hiltest.rig import Rig
+from hiltest.rig.rig_file import load_rig
+from hiltest.run_record.comparison import Change, Difference
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run
 from hiltest.studies.board_calibrators import BoardCalibrators
 from hiltest.verdict.compare import compare
 from hiltest.verdict.evidence_reader import read_evidence
 from hiltest.verdict.summary import summarise
+from hiltest.virtual.counts.profiling import profile_running
 from hiltest.virtual.profiling.line_changes import LineChange, line_changes
 
 _ORDER = (Change.WORSE, Change.GONE, Change.CHANGED, Change.BETTER, Change.NEW, Change.NOT_TAKEN)
 _MOST_FUNCTIONS = 4
+_AWAKE = "cycles.awake.share"
 _ALIKE = (
     "no line of these calibrators costs more or less on their 100 points; the change shows at other points, such as "
     "those of spread and worst_found"
@@ -32,12 +36,14 @@ _ALIKE = (
 
 @dataclass(frozen=True, slots=True)
 class ChangedFunction:
-    """A calibrator's function in two builds, called with the same points."""
+    """A function in two builds: a calibrator's with the same points, or one that the rig counts in the same tumble."""
 
     calibrator: str
+    """Calibrator, or name of the function under ``[cycles]`` of the rig; ``awake`` for the whole firmware."""
     function: str
     cycles: int
     base_cycles: int
+    """Cycles of the call, or mean of all calls in the tumble, interrupts included."""
     cycle_model: str
     lines: tuple[LineChange, ...]
     """Lines that cost more or less than in the base, the largest change first."""
@@ -57,7 +63,7 @@ class Explanation:
     changes: tuple[Difference, ...]
     """Measurements that changed since the base, the worse ones first."""
     functions: tuple[ChangedFunction, ...]
-    """Functions of the calibrators whose cycles changed; empty if `remark` has a reason."""
+    """Functions whose cycles changed; empty if `remark` has a reason."""
     remark: str
     """Reason why no source lines are known; empty otherwise."""
 
@@ -86,11 +92,12 @@ def explain(run: Path, baseline: Path | None, firmware: Path | None, against: Pa
         record = replace(record, comparison=compare(read_evidence(baseline), read_evidence(run)))
     comparison, summary = record.comparison, summarise(record)
     changes = [difference for change in _ORDER if comparison for difference in comparison.differences_with(change)]
-    functions, remark = _changed_functions(comparison, changes, firmware, against)
+    functions, remark = _changed_functions(record, changes, firmware, against)
+    steps = [step for step in summary.advice if not (functions and "hiltest explain" in step)]
     return Explanation(
         comparison.sentence if comparison and baseline else record.verdict.sentence,
         summary.causes,
-        tuple(step.replace(" ELF ", f" {_named_elf(record, firmware)} ") for step in summary.advice),
+        tuple(step.replace(" ELF ", f" {_named_elf(record, firmware)} ") for step in steps),
         tuple(failure.measurement for failure in summary.failures),
         tuple(changes),
         functions,
@@ -99,24 +106,50 @@ def explain(run: Path, baseline: Path | None, firmware: Path | None, against: Pa
 
 
 def _changed_functions(
-    comparison: Comparison | None, changes: Sequence[Difference], firmware: Path | None, against: Path | None
+    record: Run, changes: Sequence[Difference], firmware: Path | None, against: Path | None
 ) -> tuple[tuple[ChangedFunction, ...], str]:
-    """Return the functions of calibrators whose cycles changed, or the reason why they are unknown."""
+    """Return the functions whose cycles changed, or the reason why they are unknown."""
+    comparison = record.comparison
     if comparison is None:
         return (), "the run was compared with nothing; name a --baseline"
     new = _elf_of("--firmware", firmware, comparison.new.firmware_sha256)
     base = _elf_of("--against", against, comparison.base.firmware_sha256)
-    subjects = dict.fromkeys(identify(change.name).subject for change in changes if change.unit == "cycle")
+    subjects = dict.fromkeys(
+        identify(change.name).subject for change in changes if change.unit == "cycle" or change.name == _AWAKE
+    )
     if not subjects:
         return (), "no cycles changed"
     if new is None or base is None:
         return (), "name the ELFs of the run and of its base: --firmware ELF --against ELF"
+    if (rig := _foreign_rig(record)) is not None:
+        counted = {name: rig.cycles[name].functions[0] for name in subjects if name in rig.cycles}
+        return tuple(_compare_in_tumble(dict([*counted.items()][:_MOST_FUNCTIONS]), rig, base, new)), ""
     sides = BoardCalibrators(base), BoardCalibrators(new)
     names = [name for name in subjects if all(name in side.names for side in sides)]
     if not names:
         return (), "cycles of no calibrator changed; hiltest profile calls other functions"
     functions = tuple(_compare_lines(names[:_MOST_FUNCTIONS], *sides))
     return functions, "" if functions else _ALIKE
+
+
+def _foreign_rig(record: Run) -> Rig | None:
+    """Return the rig of a run of foreign firmware on a virtual board, if its file has not changed since the run."""
+    if record.rig is None or record.board is None or record.board.kind != BoardKind.VIRTUAL:
+        return None
+    file = Path(record.rig.file)
+    if not file.is_file() or hashlib.sha256(file.read_bytes()).hexdigest() != record.rig.sha256:
+        return None
+    rig = load_rig(file)
+    return None if rig.answers_requests else rig
+
+
+def _compare_in_tumble(functions: Mapping[str, str], rig: Rig, base: Path, new: Path) -> Iterator[ChangedFunction]:
+    """Compare functions by their names in the rig, or all code if none is given."""
+    benches = [VirtualBench(rig, firmware=firmware) for firmware in (base, new)]
+    sides = [profile_running(bench.machine, [*functions.values()], bench.run_in_tumble) for bench in benches]
+    for (name, function), before, after in zip([*functions.items()] or [("awake", "all code")], *sides, strict=True):
+        lines = tuple(change for change in line_changes(before.lines_of_a_call, after.lines_of_a_call) if change.delta)
+        yield ChangedFunction(name, function, after.cycles_of_a_call, before.cycles_of_a_call, after.cycle_model, lines)
 
 
 def _compare_lines(names: Sequence[str], base: BoardCalibrators, new: BoardCalibrators) -> Iterator[ChangedFunction]:

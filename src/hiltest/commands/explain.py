@@ -38,7 +38,8 @@ def explain(run: Path, baseline: Path | None, firmware: Path | None, against: Pa
     """Explain a run by cause, evidence and source lines.
 
     RUN is the folder of a run, or a run.json. If the cycles of a calibrator changed, its function is called in both
-    ELFs, and the source lines are listed that cost more or less.
+    ELFs; functions that the rig counts run in both, in a tumble of 20 s. The source lines are listed that cost more or
+    less.
     """
     from hiltest.campaigns import explanation
     from hiltest.verdict.wording import entry

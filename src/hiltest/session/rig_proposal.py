@@ -14,7 +14,6 @@ import click
 from hiltest.errors import HiltestError
 
 _LONGEST_NAME = 64
-_WATCHED_S = 20.0  # tumble in which functions are watched
 _LEAST_SHARE = 0.0005  # share of the processor's time from which a function is busy: the tolerance of that share
 
 
@@ -99,9 +98,7 @@ def _shares(rig_file: Path, text: str, firmware: Path) -> dict[str, float]:
         bench.machine.report_waits(lambda _line: None)
         names = Counter(symbol.name for symbol in bench.machine.image.functions if is_countable(symbol))
         watch = bench.machine.watch_calls(name for name, symbols in names.items() if symbols == 1)
-        bench.power_on()
-        bench.begin_tumble(_WATCHED_S)
-        bench.machine.run_until(bench.time_s + _WATCHED_S)
+        bench.run_in_tumble()
     except HiltestError:
         return {}
     waits = [call for name in watch.functions if is_wait(name) for call in watch.calls(name)]

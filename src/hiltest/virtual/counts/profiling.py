@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from hiltest.measurement import CycleRange
 from hiltest.virtual.board.cortex_m4 import HANG_S, VirtualCortexM4
-from hiltest.virtual.calls.calling import CallResult
+from hiltest.virtual.calls.calling import CallResult, find_function
 from hiltest.virtual.calls.procedure_call import Argument
 from hiltest.virtual.core.decoder import decode_first
 from hiltest.virtual.core.library import ffi, lib
@@ -110,6 +111,31 @@ class CallProfile(CallResult):
         return 100.0 * cycles / self.cycles
 
 
+@dataclass(frozen=True, slots=True)
+class RunningProfile:
+    """Cost of all calls of a function in running firmware, with that of the functions that it called."""
+
+    calls: int
+    cycles: int
+    cycle_model: str
+    lines: tuple[LineCost, ...]
+    """In no order; empty without debug information. The code of interrupts during the calls is included."""
+
+    @property
+    def cycles_of_a_call(self) -> int:
+        """Mean of a call, rounded."""
+        return round(self.cycles / max(self.calls, 1))
+
+    @property
+    def lines_of_a_call(self) -> list[LineCost]:
+        """Lines with their means of a call, rounded."""
+        calls = max(self.calls, 1)
+        return [
+            LineCost(line.location, *(round(n / calls) for n in (line.cycles, line.instructions, line.stall_cycles)))
+            for line in self.lines
+        ]
+
+
 def profile_call(
     board: VirtualCortexM4,
     function: str,
@@ -132,23 +158,53 @@ def profile_call(
     BoardFault
         If the function faults or hangs.
     """
-    processor = board.processor
-    machine, core = processor.machine.handle, processor.core
-    symbol = board.image.symbols.get(function)
-    owners = _Owners(board.image, symbol)
-    ranges = ffi.new("struct machine_code_range[]", owners.ranges)
-    begin = symbol.address if symbol else 0
-    if not lib.machine_begin_profile(machine, begin, ranges, len(ranges)):
-        raise MemoryError
+    core, owners = board.processor.core, _Owners(board.image, board.image.symbols.get(function))
     waited = core.memory_cycles
+    with _profiled(board.processor, owners, board.image.symbols.get(function)):
+        result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz, keeps_ram=keeps_ram)
+    return _Sums(board.processor, owners).profile(function, result, core.memory_cycles - waited)
+
+
+@contextmanager
+def _profiled(processor: Processor, owners: _Owners, function: Symbol | None) -> Iterator[None]:
+    """Profile the code that is executed in the context, which begins in a function."""
+    machine = processor.machine.handle
+    ranges = ffi.new("struct machine_code_range[]", owners.ranges)
+    if not lib.machine_begin_profile(machine, function.address if function else 0, ranges, len(ranges)):
+        raise MemoryError
     is_whole = False
     try:
-        result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz, keeps_ram=keeps_ram)
+        yield
     finally:
         is_whole = lib.machine_end_profile(machine)
     if not is_whole:
         raise MemoryError
-    return _Sums(processor, owners).profile(function, result, core.memory_cycles - waited)
+
+
+def profile_running(
+    board: VirtualCortexM4, functions: Sequence[str], run: Callable[[], object]
+) -> list[RunningProfile]:
+    """Profile the calls of functions in firmware that runs.
+
+    Parameters
+    ----------
+    functions
+        If there are none, the whole firmware is profiled as one call.
+    run
+        Runs the firmware.
+
+    Raises
+    ------
+    ConfigError
+        If a function does not exist.
+    BoardFault
+        If the firmware faults.
+    """
+    symbols: list[Symbol | None] = [find_function(board.image, function) for function in functions]
+    owners = _Owners(board.image, None)
+    with _profiled(board.processor, owners, None):
+        run()
+    return [_Sums(board.processor, owners, within=symbol).running_profile(symbol) for symbol in symbols or [None]]
 
 
 class _Owners:
@@ -207,7 +263,7 @@ class _Path:
 class _Sums:
     """Sums of the costs on all paths."""
 
-    def __init__(self, processor: Processor, owners: _Owners) -> None:
+    def __init__(self, processor: Processor, owners: _Owners, *, within: Symbol | None = None) -> None:
         self._image, self._timing, self._memory = processor.image, processor.profile, processor.memory
         self._owners = owners
         self._paths = list(_read_paths(processor.machine))
@@ -217,7 +273,9 @@ class _Sums:
         self._fetched: dict[int, dict[int, FetchTally]] = {}
         self._addresses: dict[tuple[int, int], _Tally] = {}
         for cost in _read_costs(processor.machine):
-            self._add(self._paths[cost.path - 1], cost)
+            path = self._paths[cost.path - 1]
+            if within is None or within.address in path.functions:
+                self._add(path, cost)
 
     def _add(self, path: _Path, cost: Any) -> None:
         waits = {cause: cost.stall_cycles[number] for cause, number in STALL_NUMBERS.items()}
@@ -267,6 +325,12 @@ class _Sums:
             stack_bytes=result.stack_bytes,
             loops=tuple(self._placements(LEAST_SHARE * result.cycles)),
         )
+
+    def running_profile(self, function: Symbol | None) -> RunningProfile:
+        """Return the profile of the calls of a function; that of the whole firmware is one call."""
+        lines = tuple(_line_costs(tuple(self._address_costs())))
+        calls = sum(path.entries for path in self._paths if path.function == function.address) if function else 1
+        return RunningProfile(calls, sum(line.cycles for line in lines), self._cycle_model, lines)
 
     def _placements(self, least: float) -> list[LoopPlacement]:
         loops = [
