@@ -191,9 +191,7 @@ def load_part(name: str) -> Part:
 
 
 def _read_part(file: Path, *, shipped: bool) -> Part:
-    place = str(file)
-    content = read_bounded(file, PART, otherwise="name a part file (TOML)")
-    tables = read_tables(place, content, PART)
+    place, tables = str(file), _tables_of(file)
     described: Any = tables.pop("part", None)
     if described is None:
         raise ConfigError(f"{place}: there is no table [part]; start from a copy of a shipped part file")
@@ -218,6 +216,16 @@ def _read_part(file: Path, *, shipped: bool) -> Part:
     )
     _check_memories(place, part)
     return part
+
+
+def _tables_of(file: Path) -> dict[str, Any]:
+    """Return the content of a part file, with the costs of the shipped part that it names as its base, if it does."""
+    tables = read_tables(str(file), read_bounded(file, PART, otherwise="name a part file (TOML)"), PART)
+    base, cost = tables.get("base"), tables.get("cost", {})
+    if isinstance(base, str) and isinstance(cost, dict) and base in shipped_parts():
+        based_on = _tables_of(shipped_parts()[base])
+        tables |= {"base": based_on["base"], "cost": based_on.get("cost", {}) | cost}
+    return tables
 
 
 def _check_memories(place: str, part: Part) -> None:
