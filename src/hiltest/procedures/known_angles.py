@@ -9,7 +9,7 @@ from typing import Generic
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_360
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
 from hiltest.procedures.hand_poses import PoseReader, StoredPoses, Taken, missing_in_words, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.progress import Progress, silent
@@ -126,8 +126,3 @@ def take_known_angles(
             break
     tell("known angles", len(poses), len(poses))
     return TakenAngles(dict(sorted(readings.items())), decision=decision)
-
-
-def attitude_of(achieved: Achieved, mounting_yaw_deg: float) -> Pose:
-    """Return the attitude of the board on a table that has reached a pose."""
-    return Pose(wrap_360(achieved.heading_deg + mounting_yaw_deg), achieved.pitch_deg, achieved.roll_deg)

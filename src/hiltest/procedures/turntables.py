@@ -14,8 +14,8 @@ from hiltest.boards.board import Board, Stage
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
-from hiltest.orientation.angles import Pose
-from hiltest.procedures.questions import Glance, Live, Question
+from hiltest.orientation.angles import Pose, wrap_360
+from hiltest.procedures.questions import Glance, Question
 
 LEVEL = Pose(0.0, 0.0, 0.0)
 #: Table poses in which a body axis is straight down: nose down, right side down, level.
@@ -60,6 +60,10 @@ class Achieved:
     pitch_deg: float
     roll_deg: float
     uncertainty_deg: float
+
+    def attitude(self, mounting_yaw_deg: float = 0.0) -> Pose:
+        """Return the attitude of the board, which is turned on the table by its mounting."""
+        return Pose(wrap_360(self.heading_deg + mounting_yaw_deg), self.pitch_deg, self.roll_deg)
 
 
 class Turntable(Protocol):
@@ -334,17 +338,12 @@ class OperatorTurntable:
             When nobody answers.
         """
         if not isinstance(question, Question):
-            question = Question(question, self._look and self._live, pose=pose)
+            question = Question(question, self._look, pose=pose)
         question, self._remark = question.after(self._remark), ""
         try:
             return self._prompt(question)
         except EOFError:
             raise OperatorAbsentError.asked(question) from None
-
-    def _live(self) -> Live:
-        assert self._look is not None
-        glance = self._look()
-        return Live("moving" if glance.moves else "still", glance)
 
 
 def open_turntable(
