@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import chain, pairwise
 from typing import Any, Generic, Protocol, TypeVar
@@ -195,6 +195,18 @@ class StoredPoses(Generic[Taken]):
     """Message for the operator."""
     keep: Callable[[int, tuple[Achieved, Taken]], object]
     """Stores a pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakenAngles(Generic[Taken]):
+    """Readings at known angles."""
+
+    readings: Mapping[int, tuple[Achieved, Taken]]
+    """Results by the index of the pose, in order, without those that an operator skipped."""
+    unset: Mapping[int, str] = field(default_factory=dict)
+    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
+    decision: str = ""
+    """Reason why the other poses were not measured; empty if all were requested."""
 
 
 class _HandReadings(Generic[Taken]):
@@ -408,7 +420,7 @@ def take_by_hand(
     stored: StoredPoses[Taken] | None,
     order: Sequence[int],
     decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str],
-) -> tuple[dict[int, tuple[Achieved, Taken]], dict[int, str], str]:
+) -> TakenAngles[Taken]:
     """Ask for each pose, wait until the board stands still, and read it; see `_HandReadings.ask_for_all` for errors.
 
     Parameters
@@ -417,11 +429,6 @@ def take_by_hand(
         Poses that an earlier run captured; None if no journal is kept.
     order, decide
         As for `hiltest.procedures.known_angles.take_known_angles`.
-
-    Returns
-    -------
-    tuple
-        The fields of `hiltest.procedures.known_angles.TakenAngles`.
     """
     hand = _HandReadings(reader, table, poses, stored, order, decide)
     say = "" if stored is None else stored.message
@@ -429,11 +436,8 @@ def take_by_hand(
         hand.ask_for_all(say, "the same command goes on")
     else:
         hand.ask_for_all(BEGINS_ANEW, "the same command begins anew")
-    return (
-        dict(sorted(hand.readings.items())),
-        {index + 1: fault for index, fault in hand.unset().items()},
-        hand.walk.decision,
-    )
+    unset = {index + 1: fault for index, fault in hand.unset().items()}
+    return TakenAngles(dict(sorted(hand.readings.items())), unset, hand.walk.decision)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,11 +35,12 @@ from hiltest.procedures.hand_poses import (
     PoseReader,
     Readings,
     StoredPoses,
+    TakenAngles,
     moved,
     place_of,
 )
 from hiltest.procedures.heading_statistics import rms
-from hiltest.procedures.known_angles import KnownAngles, Reals, TakenAngles, take_known_angles
+from hiltest.procedures.known_angles import KnownAngles, Reals, take_known_angles
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.questions import Glance, attitude_by
 from hiltest.procedures.turntables import Achieved, Turntable

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards.board import Board, Stage
+from hiltest.boards.board import Stage
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
@@ -344,45 +344,6 @@ class OperatorTurntable:
             return self._prompt(question)
         except EOFError:
             raise OperatorAbsentError.asked(question) from None
-
-
-def open_turntable(
-    board: Board,
-    *,
-    uncertainty_deg: float,
-    prompt: Callable[[str], str] | None = None,
-    tumble_s: float = HAND_TUMBLE_S,
-    **shown: Any,
-) -> Turntable:
-    """Return the turntable of a board: simulated for a virtual one, an operator otherwise.
-
-    Parameters
-    ----------
-    uncertainty_deg
-        Declared uncertainty of its angle.
-    prompt
-        See `OperatorTurntable`.
-    tumble_s
-        Duration of an operator's tumble.
-    shown
-        Further arguments of `OperatorTurntable`.
-
-    Raises
-    ------
-    OperatorAbsentError
-        When the board needs an operator and nobody can be asked.
-    """
-    if board.stage is not None:
-        return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
-    if prompt is None:
-        raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
-    return OperatorTurntable(
-        prompt=prompt,
-        uncertainty_deg=uncertainty_deg,
-        tumble_s=tumble_s,
-        shows_coverage=board.answers_requests,
-        **shown,
-    )
 
 
 def heading_of(answer: str, asked_deg: float) -> float | None:
