@@ -24,14 +24,19 @@ from hiltest.virtual.part.chip import MemoryMap, Region
 
 _MEGA = 1_000_000
 _Text = Annotated[str, Field(min_length=1, max_length=500)]
-_STRICT: dict[str, Any] = {"extra": "forbid"}
+
+
+class ClosedTable:
+    """Base of tables without unknown keys."""
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
 
 @dataclass(frozen=True, slots=True)
-class PartMemory:
+class PartMemory(ClosedTable):
     """One memory of a part; `late` marks RAM that answers late (row ``late_access``)."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     name: Annotated[str, Field(pattern="^[a-z0-9_]{1,16}$")]
     kind: Literal["flash", "ram"]
     begin: Annotated[int, Field(ge=0, lt=1 << 32, multiple_of=1024)]
@@ -44,17 +49,15 @@ class PartMemory:
 
 
 @dataclass(frozen=True, slots=True)
-class WaitStates:
+class WaitStates(ClosedTable):
     """Highest core clocks of the flash [MHz], with no wait state, with one, and so on."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     up_to_mhz: Annotated[list[Annotated[float, Field(gt=0, le=1000)]], Field(min_length=1, max_length=16)]
     source: _Text
 
 
 @dataclass(frozen=True, slots=True)
-class _PartTable:
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+class _PartTable(ClosedTable):
     title: _Text
     memories: Annotated[list[PartMemory], Field(max_length=16)]
     core: Literal["cortex-m0", "cortex-m0plus", "cortex-m3", "cortex-m4", "cortex-m33"] = "cortex-m4"
