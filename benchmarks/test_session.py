@@ -18,7 +18,7 @@ from hiltest.procedures import (
     UNCALIBRATED_SLOT,
     collect_tumble,
     measure_known_angles,
-    open_turntable,
+    open_table,
     run_calibrators,
 )
 from hiltest.rig import Rig
@@ -100,7 +100,7 @@ def test_the_first_boot_and_call_of_a_process(benchmark: BenchmarkFixture, repor
 
 def test_the_heading_suite(benchmark: BenchmarkFixture, report: Report, rig: Rig) -> None:
     board = open_board(rig)
-    table = open_turntable(board, uncertainty_deg=0.1, prompt=input, tumble_s=rig.turntable.tumble_s)
+    table = open_table(board, rig, prompt=input)
     tumble = collect_tumble(board, table, points=rig.procedure.tumble_points)
     runs = run_calibrators(board, tumble, calibrators=board.identity.calibrators, n=rig.procedure.calibration_points)
     slots = {UNCALIBRATED: UNCALIBRATED_SLOT} | {name: run.slot for name, run in runs.items() if run.usable}

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import inspect
 import re
+import textwrap
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import click
+from pydantic.json_schema import GenerateJsonSchema
 
 import hiltest
 from hiltest.campaigns.bisection import FirstWorse
@@ -30,7 +35,7 @@ from hiltest.commands.report_export import ExportedNumbers
 from hiltest.commands.serve import Served
 from hiltest.commands.start import Started
 from hiltest.commands.timing import Measured, ProfileChecked
-from hiltest.json_files import field_descriptions, schema_text
+from hiltest.json_files import adapter, json_text
 from hiltest.judge.judgement import JudgeDocument
 from hiltest.log_fitting.allan_page import Allan
 from hiltest.log_fitting.fit_result import SampleFit
@@ -142,6 +147,63 @@ def schemas_of(command: click.Command) -> list[str]:
     options = (each for each in command.params if isinstance(each, click.Option) and "--json" in each.opts)
     told = next((option.help or "" for option in options), "")
     return re.findall(r"hiltest\.[a-z-]+/\d+", told)
+
+
+def schema_text(schema: str, *kinds: type) -> str:
+    """Return the text of the JSON Schema of a document, which has the keys of the classes `kinds`.
+
+    Descriptions are the docstrings of classes and fields. Keys without a default are required. Keys that a later
+    version adds have one, and readers ignore unknown keys.
+    """
+
+    class DescribedFields(GenerateJsonSchema):
+        def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+            described = super().dataclass_schema(schema)
+            for name, text in field_descriptions(schema["cls"]).items():
+                if name in described.get("properties", {}):
+                    described["properties"][name]["description"] = text
+            return described
+
+        def field_title_should_be_set(self, schema: Any) -> bool:
+            return False
+
+        def nullable_schema(self, schema: Any) -> dict[str, Any]:
+            nullable = super().nullable_schema(schema)
+            match nullable:
+                case {"anyOf": [{"type": str(kind), **details}, {"type": "null"}]} if "enum" not in details:
+                    return {**details, "type": [kind, "null"]}
+            return nullable
+
+    parts = [adapter(kind).json_schema(mode="validation", schema_generator=DescribedFields) for kind in kinds]
+    definitions = {name: definition for part in parts for name, definition in part.pop("$defs", {}).items()}
+    for definition in definitions.values():
+        definition.pop("title", None)  # its name
+    content = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **({"$defs": definitions} if definitions else {}),
+        **parts[-1],
+        "properties": {"schema": {"const": schema}},
+        "required": ["schema", *(key for part in parts for key in part["required"] if key != "schema")],
+        "title": schema,
+    }
+    for part in parts:
+        content["properties"] |= part["properties"]
+    return json_text(content) + "\n"
+
+
+def field_descriptions(kind: type) -> dict[str, str]:
+    """Return the docstring of each field of a class that has one, in one line."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(definition.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
 
 
 def meanings(kind: type) -> Iterator[str]:

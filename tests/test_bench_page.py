@@ -18,7 +18,7 @@ import pytest
 from hiltest.boards.served_lines import TOKEN_S
 from hiltest.calibration.quality import sphere_directions
 from hiltest.errors import ConfigError
-from hiltest.procedures.questions import Glance, Live, Question
+from hiltest.procedures.questions import Glance, Question
 from hiltest.rig.bench_files import DEFAULT_RIG, shipped
 from hiltest.rig.rig_file import load_rig
 from hiltest.run_record.run import Verdict
@@ -131,13 +131,15 @@ def test_the_state_is_the_question_its_live_text_and_the_sphere_with_its_hole(se
     page.show_points(rig)(points, np.array([[8192, 0, 0], [0, 0, 8192]], np.int16))
     assert json.loads(ask(page, "state")[1])["board"] == np.eye(3).tolist()
     page.ask(Question("you did not turn.\npose 2: turn.\n  Enter or q: ", wishes=["skip", "quit"], takes_heading=True))
-    page.look(
-        Live("board 1.0 deg, still; 1 of 4", Glance(1.0, False, noise="0.4 uT", turned_deg=-2.0, is_wrong_turn=True))
-    )
+    page.look(Glance(1.0, False, None, "0.4 uT", turned_deg=-2.0, is_wrong_turn=True, progress="1 of 4"))
     state = json.loads(ask(page, "state")[1])
     assert state["lines"] == ["you did not turn.", "pose 2: turn.", "Enter or q"]
     assert (state["wishes"], state["takes_heading"]) == (["skip"], True)
-    assert (state["live"], state["turned_deg"], state["noise"]) == ("board 1.0 deg, still; 1 of 4", -2.0, "0.4 uT")
+    assert (state["live"], state["turned_deg"], state["noise"]) == (
+        "board 1.0 deg, turned -2, still; 1 of 4",
+        -2.0,
+        "0.4 uT",
+    )
     assert state["is_wrong_turn"] is True
     sphere = state["sphere"]
     assert np.array(sphere["points"]) == pytest.approx(directions[directions[:, 2] < 0.5], abs=0.01)

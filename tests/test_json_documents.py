@@ -19,7 +19,6 @@ from tests.command_files import checked, folder_of_all_inputs, run
 from tests.finished_run import Finished
 
 from hiltest.commands.cli import every_command
-from hiltest.json_files import schema_text
 from hiltest.rig.bench_files import shipped
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -86,7 +85,7 @@ def test_the_page_and_the_schemas_are_those_that_their_script_writes() -> None:
     spec.loader.exec_module(script)
     shipped_schemas = {path: path.read_text(encoding="utf-8") for path in (script.PACKAGE / "schemas").iterdir()}
     assert shipped_schemas == {
-        script.schema_file(name): schema_text(name, *kinds) for name, kinds in script.DOCUMENTS.items()
+        script.schema_file(name): script.schema_text(name, *kinds) for name, kinds in script.DOCUMENTS.items()
     }
     assert script.page() == (DOCS / "json.md").read_text(encoding="utf-8")
 

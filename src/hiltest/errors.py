@@ -55,7 +55,6 @@ class NoBoardError(BenchError):
     """No board is plugged in, or none with the requested serial number."""
 
     def __init__(self, requested: str, available: Sequence[str]) -> None:
-        self.requested = requested
         self.available = tuple(available)
         boards = ", ".join(available) or "none"
         which = (
@@ -84,7 +83,6 @@ class PortRefusedError(BenchError):
 
     def __init__(self, port: str, reason: str, hint: str) -> None:
         self.port = port
-        self.reason = reason
         super().__init__(f"cannot use {port}: {reason}. {hint}")
 
 
@@ -97,7 +95,6 @@ class LinkLostError(BenchError):
 
     def __init__(self, port: str, reason: str) -> None:
         self.port = port
-        self.reason = reason
         super().__init__(f"lost {port}: {reason}. Check cable and power, then run again.")
 
 
@@ -121,7 +118,6 @@ class DeviceTimeoutError(BenchError, TimeoutError):
 
     def __init__(self, command: str, deadline_s: float, clock: str, state: str = "", noise: str = "") -> None:
         self.command = command
-        self.deadline_s = deadline_s
         self.clock = clock
         self.state = state
         reason = f": the firmware is {state}" if state else ""
@@ -146,9 +142,6 @@ class DeviceSilentError(BenchError, TimeoutError):
     """Firmware sends nothing."""
 
     def __init__(self, seconds: float, clock: str, state: str = "") -> None:
-        self.seconds = seconds
-        self.clock = clock
-        self.state = state
         doing = f"; it is {state}" if state else ""
         super().__init__(
             f"the firmware sent nothing in {seconds:g} s ({clock} time){doing}. Check that it prints on this port "
@@ -161,7 +154,6 @@ class DebugServerError(BenchError):
     """The GDB server of a board cannot be reached, has ended, or answers nonsense."""
 
     def __init__(self, server: str, reason: str) -> None:
-        self.server = server
         self.reason = reason
         super().__init__(f"debug server {server}: {reason}")
 
@@ -170,8 +162,6 @@ class SchedulerError(BenchError):
     """The scheduler that shares the work cannot be reached, has no workers, or lost them."""
 
     def __init__(self, address: str, reason: str) -> None:
-        self.address = address
-        self.reason = reason
         super().__init__(f"scheduler {address}: {reason}")
 
 
@@ -179,7 +169,6 @@ class SensorAbsentError(BenchError):
     """A sensor that a procedure needs does not answer; procedures without sensors still run."""
 
     def __init__(self, requested: str, available: Sequence[str], hint: str) -> None:
-        self.requested = requested
         self.available = tuple(available)
         sensors = ", ".join(self.available) if self.available else "none"
         super().__init__(f"no {requested} answers on the board; sensors that answer: {sensors}. {hint}")
@@ -213,20 +202,14 @@ class TurntableError(BenchError):
 class DivergenceError(BenchError):
     """A replayed run asks a question that the recorded run did not ask, so its recording has no answer.
 
-    Attributes
+    Parameters
     ----------
-    place : str
-        File and line of the recording at which the two runs differ.
-    time_s : float
-        Time of the recording at that line, by the board's clock.
-    test : str
-        Test that was recorded at that line; empty before the first.
+    place, time_s, test
+        File and line of the recording at which the two runs differ, its time there by the board's clock [s], and the
+        test that was recorded, which is empty before the first.
     """
 
     def __init__(self, place: str, asked: str, recorded: str, *, time_s: float = 0.0, test: str = "") -> None:
-        self.place = place
-        self.time_s = time_s
-        self.test = test
         where = f"{place}, at {time_s:.6f} s" + (f" in {test}" if test else "")
         super().__init__(f"this run differs from the recorded one: {asked}, but {where} {recorded}")
 
@@ -268,25 +251,11 @@ class BoardFault(BenchError):
 
     def located(self, place: str) -> BoardFault:
         """Return this fault with the place of the judged call before its cause."""
-        return BoardFault(
-            f"{place}: {self.cause}",
-            pc=self.pc,
-            function=self.function,
-            location=self.location,
-            registers=self.registers,
-            ending=self.ending,
-        )
+        return BoardFault(**vars(self) | {"cause": f"{place}: {self.cause}"})
 
     def ended(self, ending: str) -> BoardFault:
         """Return this fault with its ending."""
-        return BoardFault(
-            self.cause,
-            pc=self.pc,
-            function=self.function,
-            location=self.location,
-            registers=self.registers,
-            ending=ending,
-        )
+        return BoardFault(**vars(self) | {"ending": ending})
 
 
 def place_of(pc: int, function: str, location: str) -> str:
@@ -302,8 +271,6 @@ class SequenceError(ProtocolError):
     """A reply carries the sequence number of another request."""
 
     def __init__(self, expected: int, got: int) -> None:
-        self.expected = expected
-        self.got = got
         super().__init__(f"reply has sequence number {got}, request had {expected}")
 
 
@@ -361,7 +328,6 @@ class UnknownKeyError(ConfigError):
     """A configuration file has an unknown key."""
 
     def __init__(self, key: str, *, where: str, known: Sequence[str]) -> None:
-        self.key = key
         self.nearest = next(iter(get_close_matches(key, known, n=1, cutoff=0.5)), None)
         super().__init__(f"{where}: unknown key {key!r}; {nearest_hint(key, known, 'known keys')}")
 

@@ -1,20 +1,16 @@
-"""JSON: one strict reader of files from any source, one text of documents, the JSON Schemas of their classes; TOML."""
+"""JSON: one strict reader of files from any source, one text of documents; TOML."""
 
 from __future__ import annotations
 
-import ast
-import inspect
 import json
 import math
 import re
 import stat
-import textwrap
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from hashlib import sha256
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -326,49 +322,3 @@ def shown(value: object) -> str:
     """Return a value of a file for a message, shortened."""
     text = json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def schema_text(schema: str, *kinds: type) -> str:
-    """Return the text of the JSON Schema of a document, which has the keys of the classes `kinds`.
-
-    Descriptions are the docstrings of classes and fields. Keys without a default are required. Keys that a later
-    version adds have one, and readers ignore unknown keys.
-    """
-    from pydantic.json_schema import GenerateJsonSchema
-
-    class DescribedFields(GenerateJsonSchema):
-        def dataclass_schema(self, schema: Any) -> dict[str, Any]:
-            described = super().dataclass_schema(schema)
-            for name, text in field_descriptions(schema["cls"]).items():
-                if name in described.get("properties", {}):
-                    described["properties"][name]["description"] = text
-            return described
-
-    parts = [adapter(kind).json_schema(mode="validation", schema_generator=DescribedFields) for kind in kinds]
-    definitions = {name: definition for part in parts for name, definition in part.pop("$defs", {}).items()}
-    content = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **({"$defs": definitions} if definitions else {}),
-        **parts[-1],
-        "properties": {"schema": {"const": schema}},
-        "required": ["schema", *(key for part in parts for key in part["required"] if key != "schema")],
-        "title": schema,
-    }
-    for part in parts:
-        content["properties"] |= part["properties"]
-    return json_text(content) + "\n"
-
-
-def field_descriptions(kind: type) -> dict[str, str]:
-    """Return the docstring of each field of a class that has one, in one line."""
-    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-    assert isinstance(definition, ast.ClassDef)
-    return {
-        field.target.id: " ".join(text.value.value.split())
-        for field, text in pairwise(definition.body)
-        if isinstance(field, ast.AnnAssign)
-        and isinstance(field.target, ast.Name)
-        and isinstance(text, ast.Expr)
-        and isinstance(text.value, ast.Constant)
-        and isinstance(text.value.value, str)
-    }

@@ -23,7 +23,7 @@ from hiltest.link.gyroscope import Axis
 from hiltest.link.messages import LinkStatistics
 from hiltest.link.ports import READ_SLICE_S, WRITE_TIMEOUT_S, open_port
 from hiltest.link.session import Session
-from hiltest.procedures import collect_tumble, measure_turn, open_turntable
+from hiltest.procedures import SimulatedTurntable, collect_tumble, measure_turn
 from hiltest.rig import Rig
 from hiltest.rig.faults import Absence, Faults, Late, OtherBaud, Span
 
@@ -247,9 +247,11 @@ def test_a_stalled_request_ends_by_its_deadlines_and_a_full_port_by_that_of_a_wr
 def test_a_tumble_and_a_turn_that_the_line_made_late_are_taken_again(rig: Rig) -> None:
     with open_board(replace(rig, faults=Faults(direction="to-board", stall=Span(0.3, 1.5)))) as board:
         # The table, which does not wait, has turned by 0.5 s before the first point: these cover 0.55 of the sphere.
-        assert collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100).coverage > 0.8
+        assert collect_tumble(board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), points=100).coverage > 0.8
     with open_board(replace(rig, faults=Faults(direction="to-board", stall=Span(1.5, 1.5)))) as board:
         # It has begun the turn before the first sample.
-        turn = measure_turn(board, open_turntable(board, uncertainty_deg=0.1), Axis.Z, rate_dps=90.0, rest_s=2.0).turn
+        turn = measure_turn(
+            board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), Axis.Z, rate_dps=90.0, rest_s=2.0
+        ).turn
         assert board.now_s() > 10.0
         assert abs(abs(NOMINAL_DPS_PER_COUNT * turn.integral[2]) - 360.0) < 10.0  # gains are within 2 %

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hiltest.boards import open_board
-from hiltest.procedures import collect_tumble, open_turntable, run_calibrators
+from hiltest.procedures import SimulatedTurntable, collect_tumble, run_calibrators
 from hiltest.rig.bench_files import shipped
 from hiltest.rig.rig_file import load_rig
 
@@ -29,7 +29,7 @@ def test_five_hundred_boards_need_no_more_memory_than_one_hundred() -> None:
     used_kb = {}
     for seed in range(1, 501):
         with open_board(rig, seed=seed) as board:
-            tumble = collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100)
+            tumble = collect_tumble(board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), points=100)
             assert run_calibrators(board, tumble, calibrators=["direct"], n=100)["direct"].residual_percent < 10.0
         if seed in (100, 500):
             used_kb[seed] = resident_kb()

@@ -37,11 +37,12 @@ from hiltest.link.session import ATTEMPTS, REPLY_DEADLINE_S, RequestOutcome
 from hiltest.link.transcript import Direction, Transcript
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import (
+    OperatorTurntable,
     check_link,
     collect_tumble,
     measure_cycles,
     measure_known_angles,
-    open_turntable,
+    open_table,
     run_calibrators,
 )
 from hiltest.rig import Rig
@@ -107,7 +108,7 @@ def test_a_missing_shield_is_named_with_the_way_out_and_the_rest_still_runs(
             board.sensor(SensorKind.MAGNETOMETER)
         assert any("on-board" in name.lower() or "onboard" in name.lower() for name in caught.value.available)
         with pytest.raises(SensorAbsentError):
-            collect_tumble(board, open_turntable(board, uncertainty_deg=0.5, prompt=lambda _: ""))
+            collect_tumble(board, OperatorTurntable(uncertainty_deg=0.5, prompt=lambda _: ""))
         cost = measure_cycles(board, ["direct"], point_sets=2, sizes=(20, 40, 100))["direct"]
         assert 0 < cost.total <= 12_500
         assert cost.model == "undeclared@sram"
@@ -134,7 +135,7 @@ def test_an_operator_who_follows_the_prompts_gets_the_headings_judged(
 
     assert rig.mounting is not None
     with open_board(real_rig, port=paced.path) as board:
-        turntable = open_turntable(board, uncertainty_deg=0.5, prompt=operator, tumble_s=4.0)
+        turntable = OperatorTurntable(uncertainty_deg=0.5, prompt=operator, tumble_s=4.0)
         assert turntable.name == "operator"
         tumble = collect_tumble(board, turntable, points=100)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
@@ -203,7 +204,7 @@ def test_nobody_to_ask_is_a_bench_error(pty_board: StartPtyBoard, rig: Rig, real
         open_board(real_rig, port=pty_board(rig).path) as board,
         pytest.raises(BenchError, match="no one to ask"),
     ):
-        open_turntable(board, uncertainty_deg=0.5)
+        open_table(board, real_rig)
 
 
 def test_cycles_over_a_port_are_those_of_the_stepped_board(pty_board: StartPtyBoard, rig: Rig, real_rig: Rig) -> None:

@@ -18,7 +18,7 @@ from hiltest.link.messages import PROTOCOL_VERSION, Average, Calibrate, LinkStat
 from hiltest.link.replies import DPS_PER_COUNT, G_PER_COUNT, MICROTESLA_PER_COUNT, CycleSource, SensorKind
 from hiltest.link.transcript import Transcript
 from hiltest.orientation.angles import Pose, rotation_body_from_ned
-from hiltest.procedures import collect_tumble, measure_cycles, open_turntable, run_calibrators
+from hiltest.procedures import SimulatedTurntable, collect_tumble, measure_cycles, run_calibrators
 from hiltest.procedures.cycles import upload_points
 from hiltest.procedures.golden_points import golden_points
 from hiltest.rig import Rig
@@ -165,7 +165,7 @@ def test_a_core_without_a_cycle_counter_fits_and_gives_no_cycle_number(rig: Rig)
         assert board.cycle_model == "none"
         with pytest.raises(DeviceError, match="NO_CYCLE_COUNTER: this core has no cycle counter"):
             measure_cycles(board, ["direct"], point_sets=1)
-        tumble = collect_tumble(board, open_turntable(board, uncertainty_deg=0.1), points=100)
+        tumble = collect_tumble(board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), points=100)
         run = run_calibrators(board, tumble, calibrators=["direct"])["direct"]
     assert run.usable
     assert run.cost is None

@@ -43,14 +43,14 @@ def run(bench: Bench, seconds: float) -> FusionSummary:
     reply = bench.request(RUN, FusionRun(round(1e6 * seconds)).payload()).payload
     assert reply[0] in (Status.OK, Status.NO_CYCLE_COUNTER)
     fields = FieldReader(reply[1:], "reply")
-    summary = FusionSummary.parse(fields)
+    summary = FusionSummary.read(fields)
     fields.end()
     return summary
 
 
 def read(bench: Bench, first: int, count: int) -> FusionRecords:
     fields = FieldReader(bench.ask(READ, FusionRead(first, count).payload()), "reply")
-    records = FusionRecords.parse(fields)
+    records = FusionRecords.read(fields)
     fields.end()
     return records
 

@@ -30,7 +30,7 @@ def steps(bench: Bench, kind: int, first: int, count: int, name: bytes = DIRECT)
     reply = bench.request(kind, struct.pack("<HB", first, count) + named(name)).payload
     assert reply[0] in (Status.OK, Status.NO_CYCLE_COUNTER)
     fields = FieldReader(reply[1:], "reply")
-    parsed = StreamStepsReply.parse(fields)
+    parsed = StreamStepsReply.read(fields)
     fields.end()
     return parsed
 
@@ -39,7 +39,7 @@ def state(bench: Bench, name: bytes = DIRECT) -> StreamStateReply:
     reply = bench.request(STREAM_STATE, named(name)).payload
     assert reply[0] in (Status.OK, Status.NO_CYCLE_COUNTER)
     fields = FieldReader(reply[1:], "reply")
-    parsed = StreamStateReply.parse(fields)
+    parsed = StreamStateReply.read(fields)
     fields.end()
     return parsed
 

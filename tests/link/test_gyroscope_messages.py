@@ -91,10 +91,10 @@ def test_a_fit_s_reply_names_the_turn_at_fault(at_fault: int, expected: int | No
     ("tail", "complaint"),
     [
         (SPAN[:-1] + b"\2" + struct.pack("<BBHf", 0, 0, 0, 0), "lost"),
-        (SPAN + struct.pack("<BBHf", 4, 0, 0, 0), "stillness"),
+        (SPAN + struct.pack("<BBHf", 4, 0, 0, 0), "is not a StillnessKind"),
         (SPAN + struct.pack("<BBHf", 1, 3, 0, 0), "axis"),
         (SPAN + struct.pack("<BBHf", 1, 1, 0, float("nan")), "amount"),
-        (SPAN, "stillness"),
+        (SPAN, "kind at byte 57"),
     ],
 )
 def test_a_hostile_reply_is_refused_by_field(tail: bytes, complaint: str) -> None:

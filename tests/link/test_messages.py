@@ -273,9 +273,9 @@ def test_an_error_status_names_command_status_and_a_way_out() -> None:
         (m.ClearPoints(), b"\x00\x01", "end at byte 1 of 2: 1 bytes too many"),
         (m.ClearPoints(), b"\x03\x01", "end at byte 1 of 2: 1 bytes too many"),
         (m.Sync(1), b"\x00\x01\x00\x00", "nonce at byte 1 of 4: needs 4 bytes, 3 are left"),
-        (m.Sensors(), b"\x00\x01\x05\x09", "sensor kind at byte 3 of 4: 9 is not a SensorKind"),
+        (m.Sensors(), b"\x00\x01\x05\x09", "kind at byte 3 of 4: 9 is not a SensorKind"),
         (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x02", "present at byte 8 of 9: 2 is neither 0 nor 1"),
-        (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x01\x01\x02\xc3\x28", "sensor name at byte 11 of 13"),
+        (m.Sensors(), b"\x00\x01\x05\x00\x01\x0e\xc4\xc4\x01\x01\x02\xc3\x28", "name at byte 11 of 13"),
         (m.GetCalibration(0), b"\x00" + struct.pack("<12f", *[1.0] * 3, math.nan, *[1.0] * 8), "element 3 is nan"),
     ],
 )

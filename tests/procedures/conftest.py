@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from hiltest.boards import Board, open_board
-from hiltest.procedures import Turntable, open_turntable
+from hiltest.procedures import SimulatedTurntable, Turntable
 from hiltest.rig import Rig
 from hiltest.rig.bench_files import shipped
 from hiltest.rig.rig_file import load_rig
@@ -26,4 +26,4 @@ def virtual_board(bench_rig: Rig) -> Iterator[Board]:
 
 @pytest.fixture
 def simulated_turntable(virtual_board: Board, bench_rig: Rig) -> Turntable:
-    return open_turntable(virtual_board, uncertainty_deg=bench_rig.turntable.uncertainty_deg)
+    return SimulatedTurntable(virtual_board.stage, uncertainty_deg=bench_rig.turntable.uncertainty_deg)

@@ -36,9 +36,9 @@ GAIN, OFFSET = np.diag([1.002, 0.9985, 1.001]) / 8192.0, np.array([10.0, -12.0, 
 
 @pytest.fixture(scope="module")
 def tumble(virtual_board: Board, bench_rig) -> Tumble:  # type: ignore[no-untyped-def]
-    from hiltest.procedures import open_turntable
+    from hiltest.procedures import SimulatedTurntable
 
-    return collect_tumble(virtual_board, open_turntable(virtual_board, uncertainty_deg=0.1), points=300)
+    return collect_tumble(virtual_board, SimulatedTurntable(virtual_board.stage, uncertainty_deg=0.1), points=300)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hiltest.boards import open_board
 from hiltest.errors import BenchError
 from hiltest.link.messages import Average, Points, SetCalibration
 from hiltest.orientation.angles import Pose
-from hiltest.procedures import calibrate_while_driving, collect_tumble, measure_driving, open_turntable
+from hiltest.procedures import SimulatedTurntable, calibrate_while_driving, collect_tumble, measure_driving
 from hiltest.procedures.driven_calibrations import is_disturbed
 from hiltest.procedures.driving import driven_headings
 from hiltest.rig import COUNTS_PER_UT, Rig
@@ -36,7 +36,7 @@ def with_disturbances(rig: Rig, **tables: CurrentTable | PassingTable) -> Rig:
 def test_a_heading_errs_by_what_the_disturbance_is_across_it(bench_rig: Rig) -> None:
     rig = with_disturbances(bench_rig, current=CurrentTable(PER_A, ((0.0, 0.0), (2.0, 0.0), (2.0, 8.0))))
     with open_board(rig) as board:
-        truth, table = board.truth, open_turntable(board, uncertainty_deg=0.1)
+        truth, table = board.truth, SimulatedTurntable(board.stage, uncertainty_deg=0.1)
         assert truth is not None
         soft_iron = np.linalg.inv(truth.soft_iron) / (COUNTS_PER_UT * truth.field_ut)
         board.session.request(SetCalibration(SLOT, soft_iron, COUNTS_PER_UT * truth.hard_iron_ut))
@@ -73,7 +73,7 @@ def test_what_passes_disturbs_while_it_is_near(bench_rig: Rig) -> None:
 def test_points_of_a_disturbed_field_are_fitted_as_hard_iron_and_the_good_ones_are_put_back(bench_rig: Rig) -> None:
     current = CurrentTable(PER_A, ((0.0, 0.0), (14.0, 0.0), (14.0, 8.0), (20.0, 8.0), (20.0, 0.0)))
     with open_board(with_disturbances(bench_rig, current=current)) as board:
-        table = open_turntable(board, uncertainty_deg=0.1)
+        table = SimulatedTurntable(board.stage, uncertainty_deg=0.1)
         tumble = collect_tumble(board, table, points=300)
         result = calibrate_while_driving(board, table, tumble=tumble, calibrator="direct", n=100)
         truth = board.truth

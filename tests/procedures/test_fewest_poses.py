@@ -11,7 +11,7 @@ from hiltest.boards import Board
 from hiltest.errors import ConfigError
 from hiltest.link.messages import SetCalibration
 from hiltest.measurement import Limit
-from hiltest.procedures import KnownAngles, OperatorTurntable, Turntable, measure_known_angles, open_turntable
+from hiltest.procedures import KnownAngles, OperatorTurntable, SimulatedTurntable, Turntable, measure_known_angles
 from hiltest.procedures.fewest_poses import plan_fewest_poses
 from hiltest.rig import Rig, world_truth
 from hiltest.rig.bench_files import shipped
@@ -46,7 +46,7 @@ def measured(board: Board, rig: Rig, table: Turntable, slot: int) -> KnownAngles
 
 
 def test_a_right_calibration_is_proven_by_few_poses(board: Board, bench_rig: Rig) -> None:
-    angles = measured(board, bench_rig, open_turntable(board, uncertainty_deg=0.1), 1)
+    angles = measured(board, bench_rig, SimulatedTurntable(board.stage, uncertainty_deg=0.1), 1)
     assert 6 <= len(angles.poses) <= 16
     assert angles.decision == (
         f"{len(angles.poses)} of 60 known angles prove that all limits of headings are met (risk 3% each)"
@@ -57,7 +57,7 @@ def test_a_right_calibration_is_proven_by_few_poses(board: Board, bench_rig: Rig
 
 
 def test_hard_iron_is_proven_to_miss_its_limit(board: Board, bench_rig: Rig) -> None:
-    angles = measured(board, bench_rig, open_turntable(board, uncertainty_deg=0.1), 2)
+    angles = measured(board, bench_rig, SimulatedTurntable(board.stage, uncertainty_deg=0.1), 2)
     assert len(angles.poses) <= 8
     assert angles.decision.endswith("prove that heading.direct.max is out of its limit (risk 3%)")
     value, uncertainty = angles.estimates["direct"]["max"]

@@ -80,10 +80,12 @@ class Runs:
         return by_hand.remark, result
 
     def _collect(self) -> Tumble:
-        from hiltest.procedures import open_turntable
+        from hiltest.procedures import SimulatedTurntable
 
         self.tumbled += 1
-        return collect_tumble(self.board, open_turntable(self.board, uncertainty_deg=0.1), points=20, chunk=20)
+        return collect_tumble(
+            self.board, SimulatedTurntable(self.board.stage, uncertainty_deg=0.1), points=20, chunk=20
+        )
 
     @property
     def poses(self) -> list[int]:

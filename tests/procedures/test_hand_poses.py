@@ -19,7 +19,7 @@ from hiltest.link.replies import AverageReply
 from hiltest.orientation.angles import Pose
 from hiltest.procedures import KnownAngles, OperatorTurntable, measure_known_angles
 from hiltest.procedures.hand_poses import PoseWalk, Wish, wish_of
-from hiltest.procedures.questions import Live, Question
+from hiltest.procedures.questions import Glance, Question
 from hiltest.procedures.requested_headings import movement
 from hiltest.rig import Rig
 
@@ -89,7 +89,7 @@ class Hand:
         self.asked.append(re.sub(r"\s+", " ", question))
         if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
             self.stage.turn_to(Pose(*map(float, pose.groups())))
-        self.beside += [question.live(), question.live()]
+        self.beside += [str(question.live()), str(question.live())]
         return self.answers.pop(0) if self.answers else ""
 
     @property
@@ -215,6 +215,7 @@ class WatchedHand(Hand):
     def __init__(self, board: Board, turns: list[float], *answers: str) -> None:
         super().__init__(board, *answers)
         self.turns = turns
+        self.glances: list[Glance] = []
 
     def __call__(self, question: str) -> str:
         assert isinstance(question, Question)
@@ -225,7 +226,10 @@ class WatchedHand(Hand):
         if turn_deg:
             self.stage.turn_round(turn_deg, rate_dps=60.0, after_s=0.2)
         for _ in range(20):  # 0.1 s of the board's clock each
-            self.beside.append(question.live())
+            seen = question.live()
+            self.beside.append(str(seen))
+            assert isinstance(seen, Glance)
+            self.glances.append(seen)
         return self.answers.pop(0) if self.answers else ""
 
 
@@ -241,7 +245,7 @@ def test_the_gyroscope_tells_the_turn_since_the_last_pose_beside_that_of_the_sca
     assert all(", turned " not in text for text in hand.beside[:20])  # there is no pose before the first
     last = [re.search(r", turned ([+-]\d+), still; ", hand.beside[20 * asked + 19]) for asked in range(1, 4)]
     assert [int(text[1]) for text in last if text] == pytest.approx([58, 30, 30], abs=1)
-    glances = [text.glance for text in hand.beside if isinstance(text, Live)]
+    glances = hand.glances
     assert [glances[20 * asked + 19].is_wrong_turn for asked in range(4)] == [False, True, False, False]
     assert not any(glance.is_wrong_turn for glance in glances if glance.moves)
     assert any(", moving; " in text for text in hand.beside[20:40])

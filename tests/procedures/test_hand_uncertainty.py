@@ -16,10 +16,10 @@ from hiltest.orientation.angles import Pose, rotation_body_from_ned
 from hiltest.procedures import (
     KnownAngles,
     OperatorTurntable,
+    SimulatedTurntable,
     Turntable,
     collect_tumble,
     measure_known_angles,
-    open_turntable,
     run_calibrators,
 )
 from hiltest.rig import Rig
@@ -60,7 +60,7 @@ def hands_rig(bench_rig: Rig) -> Rig:
 @pytest.fixture(scope="module")
 def calibrated(virtual_board: Board) -> Board:
     """The board with a good calibration in slot 1, and in slot 2 the same turned about the vertical."""
-    tumble = collect_tumble(virtual_board, open_turntable(virtual_board, uncertainty_deg=0.1), points=300)
+    tumble = collect_tumble(virtual_board, SimulatedTurntable(virtual_board.stage, uncertainty_deg=0.1), points=300)
     run = run_calibrators(virtual_board, tumble, calibrators=["direct"], n=300)["direct"]
     turn = rotation_body_from_ned(Pose(TURNED_DEG))
     virtual_board.session.request(SetCalibration(SLOTS["turned"], turn @ run.soft_iron, run.hard_iron))

@@ -16,11 +16,11 @@ from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.procedures import (
     CalibratorRun,
     KnownAngles,
+    SimulatedTurntable,
     Tumble,
     Turntable,
     collect_tumble,
     measure_known_angles,
-    open_turntable,
     run_calibrators,
 )
 from hiltest.rig import Rig
@@ -30,7 +30,7 @@ SOME_POSES = (Pose(0.0), Pose(120.0), Pose(240.0), Pose(30.0, 20.0, 0.0), Pose(3
 
 @pytest.fixture(scope="module")
 def tumble(virtual_board: Board) -> Tumble:
-    return collect_tumble(virtual_board, open_turntable(virtual_board, uncertainty_deg=0.1), points=120)
+    return collect_tumble(virtual_board, SimulatedTurntable(virtual_board.stage, uncertainty_deg=0.1), points=120)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def runs(virtual_board: Board, tumble: Tumble) -> dict[str, CalibratorRun]:
 def angles(virtual_board: Board, runs: dict[str, CalibratorRun], bench_rig: Rig) -> KnownAngles:
     assert bench_rig.mounting is not None
     slots = {"uncalibrated": 0} | {name: run.slot for name, run in runs.items()}
-    table = open_turntable(virtual_board, uncertainty_deg=0.1)
+    table = SimulatedTurntable(virtual_board.stage, uncertainty_deg=0.1)
     return measure_known_angles(
         virtual_board, table, poses=SOME_POSES, slots=slots, mounting_yaw_deg=bench_rig.mounting.yaw_deg
     )
@@ -142,7 +142,7 @@ def test_a_rotated_soft_iron_leaves_a_good_residual_and_a_bad_heading(bench_rig:
     rows = tuple(tuple(float(value) for value in row) for row in tilted)
     rotated = replace(bench_rig, world=replace(bench_rig.world, soft_iron=rows))
     with open_board(rotated) as board:
-        table = open_turntable(board, uncertainty_deg=0.1)
+        table = SimulatedTurntable(board.stage, uncertainty_deg=0.1)
         run = run_calibrators(board, collect_tumble(board, table, points=100), calibrators=["direct"])["direct"]
         known_angles = measure_known_angles(
             board,
@@ -166,7 +166,7 @@ def _about_x(angle_deg: float) -> np.ndarray:
 def test_the_board_s_headings_are_those_of_the_float64_references(
     name: str, virtual_board: Board, tumble: Tumble, runs: dict[str, CalibratorRun]
 ) -> None:
-    table = open_turntable(virtual_board, uncertainty_deg=0.1)
+    table = SimulatedTurntable(virtual_board.stage, uncertainty_deg=0.1)
     fit = reference(name)(tumble.points[:100])
     assert np.allclose(runs[name].hard_iron, fit.hard_iron, atol=0.1)  # counts: 0.01 uT, what float32 may cost
     for pose in SOME_POSES:

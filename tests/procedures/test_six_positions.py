@@ -28,7 +28,6 @@ from hiltest.procedures import (
     collect_still_poses,
     fit_poses,
     measure_six_positions,
-    open_turntable,
     run_calibrators,
     spread_poses,
     store_accelerometer,
@@ -44,7 +43,7 @@ DECLARED_DEG = 0.1
 
 
 def table_of(board: Board) -> SimulatedTurntable:
-    table = open_turntable(board, uncertainty_deg=0.1)
+    table = SimulatedTurntable(board.stage, uncertainty_deg=0.1)
     assert isinstance(table, SimulatedTurntable)
     return table
 

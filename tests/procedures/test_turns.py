@@ -27,7 +27,6 @@ from hiltest.procedures import (
     fit_on_board,
     log_gyroscope,
     measure_turn,
-    open_turntable,
     rest_gyroscope,
     turns,
 )
@@ -52,7 +51,7 @@ def board(bench_rig: Rig) -> Iterator[Board]:
 
 @pytest.fixture
 def table(board: Board) -> Turntable:
-    return open_turntable(board, uncertainty_deg=0.1)
+    return SimulatedTurntable(board.stage, uncertainty_deg=0.1)
 
 
 def test_three_turns_find_scale_and_axes_of_the_world(board: Board, table: Turntable) -> None:
@@ -120,7 +119,7 @@ def test_a_bias_that_drifts_in_a_straight_line_spoils_no_turn(bench_rig: Rig) ->
         bench_rig.world, temperature_degc=25.0, temperature_end_degc=35.0, temperature_ramp_s=100.0, drift=drift
     )
     with open_board(replace(bench_rig, world=warming)) as board:
-        (turn,) = turns_about(board, open_turntable(board, uncertainty_deg=0.1), Axis.Z)
+        (turn,) = turns_about(board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), Axis.Z)
         truth = board.truth
         assert truth is not None
         # 0.03 dps a second: by the rest before alone the turn would be 0.6 deg, 0.17 %, too long.
@@ -147,13 +146,13 @@ def test_a_gyroscope_of_wrong_sign_axis_or_unit_is_refused_with_what_it_felt(
         open_board(wrong) as board,
         pytest.raises(TurnInvalidError, match=rf"measured {felt} .* turn by \+360 about z"),
     ):
-        turns_about(board, open_turntable(board, uncertainty_deg=0.1), Axis.Z)
+        turns_about(board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), Axis.Z)
 
 
 def test_a_scale_that_is_wrong_by_half_a_percent_is_seen(bench_rig: Rig) -> None:
     assert bench_rig.world is not None
     with open_board(bench_rig) as board:
-        (turn,) = turns_about(board, open_turntable(board, uncertainty_deg=0.1), Axis.Z)
+        (turn,) = turns_about(board, SimulatedTurntable(board.stage, uncertainty_deg=0.1), Axis.Z)
         truth = board.truth
         assert truth is not None
         assert turn.scale_error_percent(truth.gyroscope_response / 1.005) == pytest.approx(0.5, abs=0.1)

@@ -395,6 +395,15 @@ def test_a_wrong_part_file_is_refused_with_the_place(tmp_path: Path, before: str
         load_part(str(file))
 
 
+def test_a_part_has_the_costs_of_the_part_that_is_its_base(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    part = '[part]\ntitle = "Mine"\ncore = "cortex-m0"\nmemories = []\n'
+    multiply = '[cost.multiply]\nvalue = 32\nband = [32, 32]\nsource = "its manual"\n'
+    own.write_text(f'name = "mine/1"\nbase = "generic-m0/1"\n{part}{multiply}', encoding="utf-8")
+    rows, others = (load_part(name).timing().rows for name in (str(own), "generic-m0"))
+    assert {name: row.value for name, row in rows.items() if row != others[name]} == {"multiply": 32}
+
+
 def test_a_part_that_is_unknown_or_too_fast_is_refused() -> None:
     with pytest.raises(ConfigError, match="no part 'stm32f1'; known: generic-m0, generic-m0plus"):
         load_part("stm32f1")

@@ -73,16 +73,23 @@ class Reason:
     """Meaning, as a sentence."""
 
 
+_UNITS = {"percent": "%", "deg": "deg", "ut": "uT", "n": "points"}
+
+
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A threshold of one figure: if it is violated, a calibration has this verdict for this reason."""
 
     figure: str
-    unit: str
     limit: float
     verdict: Acceptance
     meaning: str
     below: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Unit of the figure, by the end of its name."""
+        return _UNITS.get(self.figure.rpartition("_")[2], "")
 
     def broken_by(self, value: float) -> bool:
         """Return whether a value is on the wrong side; the limit itself is not."""
@@ -99,7 +106,6 @@ BOUNDS = (
     # Nine points always lie on a quadric, so there is no residual to judge it by.
     Bound(
         "n",
-        "points",
         10.0,
         Acceptance.REFUSED,
         "a quadric through so few points is exact, without an estimate of its error; take more points",
@@ -108,7 +114,6 @@ BOUNDS = (
     # Two for each unknown: with nine degrees of freedom the residual, and so the prediction, is known to 24 %.
     Bound(
         "n",
-        "points",
         18.0,
         Acceptance.POOR,
         "too few points remain to estimate the residual; take more points",
@@ -118,7 +123,6 @@ BOUNDS = (
     # calibrator also returns an ellipsoid for less, of a wrong radius.
     Bound(
         "condition",
-        "",
         LARGEST_CONDITION,
         Acceptance.REFUSED,
         "the points cover too little of the sphere to determine an ellipsoid, or nearly all lie in one place, or one "
@@ -128,7 +132,6 @@ BOUNDS = (
     # three quarters, 0.53 on a half and 1.05 on 30 %.
     Bound(
         "condition",
-        "",
         WELL_CONDITIONED,
         Acceptance.FAIR,
         "a large part of the sphere is missing, and directions in it are extrapolated; turn the sensor in all "
@@ -137,7 +140,6 @@ BOUNDS = (
     # A sensor at rest is a ball of noise: about 40 %. At 20 % a reading's own direction is off by some 11 deg.
     Bound(
         "residual_percent",
-        "%",
         20.0,
         Acceptance.REFUSED,
         "the points do not lie on an ellipsoid: sensor at rest, wrong columns, or the field changed",
@@ -145,7 +147,6 @@ BOUNDS = (
     # A reading that is off in length is as far off across: 3.5 % are the 2 deg that the thesis allows.
     Bound(
         "residual_percent",
-        "%",
         3.5,
         Acceptance.POOR,
         "a single reading's direction is off by 2 deg or more: iron that moved, a current, or turning too fast for "
@@ -154,7 +155,6 @@ BOUNDS = (
     # Noise of 0.4 uT in 48 uT leaves 0.8 %, of 1 uT 2 %. An intact part does not have more.
     Bound(
         "residual_percent",
-        "%",
         2.0,
         Acceptance.FAIR,
         "the points scatter about the ellipsoid by more than a sensor's noise: iron that moved, a current, or "
@@ -162,7 +162,6 @@ BOUNDS = (
     ),
     Bound(
         "axis_ratio",
-        "",
         LARGEST_AXIS_RATIO,
         Acceptance.REFUSED,
         "the ellipsoid is longer than any board's iron makes it, and the points cover only part of it; check that "
@@ -171,7 +170,6 @@ BOUNDS = (
     # The earth's field is 22 to 67 uT at the surface (World Magnetic Model).
     Bound(
         "radius_ut",
-        "uT",
         20.0,
         Acceptance.REFUSED,
         "the field is weaker than the earth's anywhere; wrong unit, shielding, or a fit that went astray",
@@ -179,7 +177,6 @@ BOUNDS = (
     ),
     Bound(
         "radius_ut",
-        "uT",
         70.0,
         Acceptance.REFUSED,
         "the field is stronger than the earth's anywhere; wrong unit, or a fit that went astray",
@@ -188,7 +185,6 @@ BOUNDS = (
     # noise.
     Bound(
         "residual_of_spread",
-        "",
         0.5,
         Acceptance.REFUSED,
         "the calibration hardly makes the norms more equal: no iron to correct, or a field that varies; turn the "
@@ -197,14 +193,12 @@ BOUNDS = (
     # A calibration is made for headings within 2 deg, and boards without any err by 5 to 10.
     Bound(
         "direction_error_deg",
-        "deg",
         5.0,
         Acceptance.REFUSED,
         "the points determine directions hardly better than without calibration; take more points, in all directions",
     ),
     Bound(
         "halves_difference",
-        "",
         3.0,
         Acceptance.REFUSED,
         "the calibrations of the log's halves contradict each other: the field, the iron or the sensor changed; fit a "
@@ -212,7 +206,6 @@ BOUNDS = (
     ),
     Bound(
         "direction_error_deg",
-        "deg",
         2.0,
         Acceptance.POOR,
         "more than the thesis allows any calibrator; take more points, in all directions",
@@ -220,7 +213,6 @@ BOUNDS = (
     # Half of the 2 deg that the thesis allows a calibrator, to leave the other half for soft iron and tilt.
     Bound(
         "direction_error_deg",
-        "deg",
         1.0,
         Acceptance.FAIR,
         "corrected directions have this rms error; take more points, in all directions",
@@ -228,7 +220,6 @@ BOUNDS = (
     # Like no calibration at all. With so much iron a tenth of the sphere, or a flat ring, determines nothing else.
     Bound(
         "strong_iron_deg",
-        "deg",
         10.0,
         Acceptance.REFUSED,
         "if iron stretches the field by a fifth, directions have this error; turn the sensor further",
@@ -236,7 +227,6 @@ BOUNDS = (
     # A whole ellipsoid identifies outliers; in a patch with so many of them the rest may not be a sphere either.
     Bound(
         "left_out_percent",
-        "%",
         100.0 * MANY_LEFT_OUT,
         Acceptance.REFUSED,
         "so many samples are outliers that the others may not lie on a sphere either; use samples of a steady field, "
@@ -245,7 +235,6 @@ BOUNDS = (
     # Any detectable step is as large: 1.7 deg across, on one side of the step or the other.
     Bound(
         "change_percent",
-        "%",
         0.0,
         Acceptance.POOR,
         "the hard iron differs before and after; fit one part, or move the sensor away from moving iron",
@@ -253,7 +242,6 @@ BOUNDS = (
     # Any detectable growth: its middle is fitted, and 3 % of the strength are 0.9 % of residual.
     Bound(
         "growth_percent",
-        "%",
         0.0,
         Acceptance.FAIR,
         "the field's strength or the sensor's scale changes over the log; let the sensor warm up and stay in one place",

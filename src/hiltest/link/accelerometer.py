@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from hiltest.calibration.accelerometer import AccelerometerFit, AccelerometerSolution, AccelerometerStatus
 from hiltest.calibration.still_pose import FACES
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import U8, FieldReader, number, reals
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Plain, Request, check_range, name_field
+from hiltest.link.request import Plain, Request
 
 _NO_POSE = 255
 
@@ -24,14 +22,9 @@ class SetAccelerometer(Plain):
 
     code = 0x16
     command = "SET_ACCELEROMETER"
-    slot: int
-    gain: ArrayLike
-    offset: ArrayLike
-
-    def payload(self) -> bytes:
-        gain = np.asarray(self.gain, dtype="<f4").reshape(9)
-        offset = np.asarray(self.offset, dtype="<f4").reshape(3)
-        return struct.pack("<B", self.slot) + gain.tobytes() + offset.tobytes()
+    slot: U8
+    gain: Annotated[ArrayLike, reals(3, 3)]
+    offset: Annotated[ArrayLike, reals(3)]
 
 
 @dataclass(frozen=True)
@@ -40,10 +33,7 @@ class GetAccelerometer(Request[AccelerometerFit]):
 
     code = 0x17
     command = "GET_ACCELEROMETER"
-    slot: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<B", self.slot)
+    slot: U8
 
     def parse(self, fields: FieldReader) -> AccelerometerFit:
         return read_accelerometer(fields)
@@ -57,7 +47,7 @@ class FitAccelerometerReply:
     cost: RunCost | None
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> FitAccelerometerReply:
+    def read(cls, fields: FieldReader) -> FitAccelerometerReply:
         status = fields.choice(AccelerometerStatus, "fit status")
         mask, pose = fields.number("B", "faces"), fields.number("B", "pose")
         faces = tuple(face for face in FACES if mask >> face & 1)
@@ -65,7 +55,7 @@ class FitAccelerometerReply:
         solution = AccelerometerSolution(
             status, faces, None if pose == _NO_POSE else pose, fit, fields.real("residual")
         )
-        return cls(solution, RunCost.parse(fields))
+        return cls(solution, RunCost.read(fields))
 
 
 @dataclass(frozen=True)
@@ -76,11 +66,8 @@ class FitAccelerometer(Request[FitAccelerometerReply]):
     command = "FIT_ACCELEROMETER"
     # Without a counter the fit is still valid, and its cost is None.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
-    n: int
+    n: Annotated[int, number("B", 0, 0xFF, "poses")]
     method: str
-
-    def payload(self) -> bytes:
-        return struct.pack("<B", check_range(self.n, 0, 0xFF, "poses")) + name_field(self.method)
 
 
 def read_accelerometer(fields: FieldReader) -> AccelerometerFit:

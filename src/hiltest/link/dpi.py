@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.link.fields import FieldReader
+from hiltest.errors import ProtocolError
+from hiltest.link.fields import FieldReader, check_range
 from hiltest.link.replies import CalibrationReply, RunCost, Status
-from hiltest.link.request import Request, check_range
+from hiltest.link.request import Request
 
 
 class DpiSource(IntEnum):
@@ -39,19 +40,19 @@ class DpiReply:
     """Steps of `joint`."""
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> DpiReply:
+    def read(cls, fields: FieldReader) -> DpiReply:
         fit = fields.choice(FitStatus, "fit status")
         fields.number("B", "flags")
         iterations = fields.number("H", "iterations")
         return cls(
             fit,
-            CalibrationReply.parse(fields),
+            CalibrationReply.read(fields),
             fields.real("coverage"),
             fields.number("H", "used"),
-            _real_if_any(fields, "dip"),
-            _real_if_any(fields, "strength"),
-            _real_if_any(fields, "standard error"),
-            RunCost.parse(fields),
+            fields.real_if_any("dip"),
+            fields.real_if_any("strength"),
+            fields.real_if_any("standard error"),
+            RunCost.read(fields),
             iterations,
         )
 
@@ -84,12 +85,17 @@ class FitDpi(Request[DpiReply]):
             self.dip_deg if has_dip else 0.0,
         )
 
+    @classmethod
+    def read(cls, fields: FieldReader) -> FitDpi:
+        """Return the request with this payload."""
+        source, n = fields.choice(DpiSource, "source"), fields.number("H", "n")
+        slot, flags = fields.number("B", "slot"), fields.number("B", "flags")
+        if flags > 3:
+            raise ProtocolError(f"flags {flags}, not 0 to 3")
+        dip_deg = fields.real("dip")
+        return cls(n, slot, source=source, dip_deg=dip_deg if flags & 1 else None, is_joint=flags > 1)
+
     @property
     def board_time_s(self) -> float:
         """Time for 120 million cycles [s]."""
         return 1.0
-
-
-def _real_if_any(fields: FieldReader, name: str) -> float | None:
-    values = fields.reals_if_any(1, name)
-    return None if values is None else float(values[0])

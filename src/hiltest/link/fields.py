@@ -1,11 +1,15 @@
-"""Read the fields of a payload in order, and validate each."""
+"""Fields of a payload: a cursor that reads and validates them, and the forms of a dataclass's fields on the line."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import struct
+from collections.abc import Callable
 from enum import IntEnum
-from typing import TypeVar
+from functools import cache
+from types import NoneType
+from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +17,7 @@ from numpy.typing import NDArray
 from hiltest.errors import ProtocolError
 
 E = TypeVar("E", bound=IntEnum)
+Reals = NDArray[np.float64]
 
 
 class FieldReader:
@@ -66,6 +71,11 @@ class FieldReader:
         """Return the next float32, widened without change."""
         return float(self.reals(1, field)[0])
 
+    def real_if_any(self, field: str) -> float | None:
+        """Return the next float32, or None for NaN."""
+        values = self.reals_if_any(1, field)
+        return None if values is None else float(values[0])
+
     def reals_if_any(self, count: int, field: str) -> NDArray[np.float64] | None:
         """Return the next `count` float32, or None if all are NaN, which means "no value"."""
         if all(math.isnan(value) for value in self._unpack(f"<{count}f", field)):
@@ -116,3 +126,92 @@ T = TypeVar("T", np.float64, np.int16)
 def _read_only(array: NDArray[T]) -> NDArray[T]:
     array.flags.writeable = False
     return array
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Form:
+    """Form of a field on the line; replies need no `pack`."""
+
+    read: Callable[[FieldReader, str], Any]
+    """Reads the field, whose name is for errors."""
+    pack: Callable[[Any], bytes] = bytes
+
+
+def number(form: str, lowest: int | None = None, highest: int = 0, unit: str = "") -> Form:
+    """Return the form of an integer, a `struct` letter, which a request refuses outside of its range."""
+
+    def pack(value: int) -> bytes:
+        return struct.pack("<" + form, value if lowest is None else check_range(value, lowest, highest, unit))
+
+    return Form(lambda fields, name: fields.number(form, name), pack)
+
+
+def reals(*shape: int) -> Form:
+    """Return the form of an array of float32."""
+    return Form(
+        lambda fields, name: fields.reals(math.prod(shape), name).reshape(shape),
+        lambda values: np.asarray(values, dtype="<f4").reshape(shape).tobytes(),
+    )
+
+
+def check_range(value: int, lowest: int, highest: int, unit: str) -> int:
+    """Return a value if it is in range; otherwise raise a `ValueError` with the range."""
+    if not lowest <= value <= highest:
+        raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
+    return value
+
+
+U8 = Annotated[int, number("B")]
+U16 = Annotated[int, number("H")]
+U32 = Annotated[int, number("I")]
+U64 = Annotated[int, number("Q")]
+I8 = Annotated[int, number("b")]
+Vector = Annotated[Reals, reals(3)]
+Matrix = Annotated[Reals, reals(3, 3)]
+Axes = Annotated[NDArray[np.int16], Form(lambda fields, name: fields.counts(1, name)[0])]
+_FORMS = {
+    bool: Form(FieldReader.flag, lambda value: struct.pack("<B", value)),
+    float: Form(FieldReader.real, lambda value: struct.pack("<f", value)),
+    str: Form(FieldReader.text, lambda text: number("B", 1, 255, "characters").pack(len(text)) + text.encode("ascii")),
+}
+
+
+class Message:
+    """A request or a part of a reply: a dataclass whose fields have forms on the line.
+
+    The type of a field is its form: an enumeration, a truth value, a float32, a text, another message, or any other
+    type that is annotated with its `Form`.
+    """
+
+    __slots__ = ()
+    order: ClassVar[tuple[str, ...]] = ()
+    """Names of the fields in the order of the line; empty if it is that of the class."""
+
+    @classmethod
+    def read(cls, fields: FieldReader) -> Self:
+        """Return the message with the next fields."""
+        forms = _forms(cast("type", cls))
+        return cls(**{name: form.read(fields, name.replace("_", " ")) for name, form in forms})
+
+    def payload(self) -> bytes:
+        """Return the bytes of all fields."""
+        return b"".join(form.pack(getattr(self, name)) for name, form in _forms(cast("type", type(self))))
+
+
+@cache
+def _forms(kind: Any) -> tuple[tuple[str, Form], ...]:
+    hints = get_type_hints(kind, include_extras=True)
+    names = kind.order or [field.name for field in dataclasses.fields(kind)]
+    return tuple((name, _form_of(hints[name])) for name in names)
+
+
+def _form_of(hint: Any) -> Form:
+    if get_origin(hint) is Annotated:
+        form: Form = hint.__metadata__[0]
+        return form
+    kind = next((part for part in get_args(hint) if part is not NoneType), hint)
+    if kind in _FORMS:
+        return _FORMS[kind]
+    if issubclass(kind, IntEnum):
+        return Form(lambda fields, name: fields.choice(kind, name), lambda value: struct.pack("<B", value))
+    return Form(lambda fields, name: kind.read(fields))

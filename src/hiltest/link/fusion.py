@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import U8, U16, U64, FieldReader, Message, number
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Request, Timed, check_range
+from hiltest.link.request import Request, Timed
 
 #: Capacity of the board's record buffer, and records per reply.
 MAX_FUSION_RECORDS = 1024
@@ -34,7 +34,7 @@ class UpdateCosts:
     """Mean cost over all updates."""
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> UpdateCosts:
+    def read(cls, fields: FieldReader) -> UpdateCosts:
         """Read the costs; an overhead of 0 cycles means that there is no counter."""
         updates, largest, total, overhead = (
             fields.number("I", name) for name in ("updates", "largest", "total", "overhead")
@@ -45,20 +45,20 @@ class UpdateCosts:
 
 
 @dataclass(frozen=True, slots=True)
-class FusionSummary:
+class FusionSummary(Message):
     """Summary of a run of the filter."""
 
-    began_us: int
+    began_us: U64
     """Duration by the board's clock."""
-    records: int
+    records: U16
     """Number of records on the board."""
-    no_attitude: int
+    no_attitude: U16
     """Updates that only turned the attitude: gravity is unusable."""
-    field_left_out: int
+    field_left_out: U16
     """Updates that left the heading alone: the field is disturbed, vertical or has no norm."""
-    bad_steps: int
+    bad_steps: U16
     """Omitted steps: more than half a turn."""
-    overruns: int
+    overruns: U16
     """Samples lost unread."""
     costs: UpdateCosts
 
@@ -66,14 +66,6 @@ class FusionSummary:
     def left_out(self) -> int:
         """Number of samples that did not act on the filter as they should."""
         return self.no_attitude + self.field_left_out + self.bad_steps + self.overruns
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> FusionSummary:
-        began_us = fields.number("Q", "began")
-        names = ("records", "no attitude", "field left out", "bad steps", "overruns")
-        records, no_attitude, field_left_out, bad_steps, overruns = (fields.number("H", name) for name in names)
-        costs = UpdateCosts.parse(fields)
-        return cls(began_us, records, no_attitude, field_left_out, bad_steps, overruns, costs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +81,7 @@ class FusionRecords:
     alone. Their resolution is 1/32767, 0.0035 degrees."""
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> FusionRecords:
+    def read(cls, fields: FieldReader) -> FusionRecords:
         count = fields.number("B", "records")
         times, rows = [], []
         for _ in range(count):
@@ -115,17 +107,13 @@ class FusionStart(Timed, Request[Quaternions]):
 
     code = 0x22
     command = "FUSION_START"
-    slot: int
+    order = ("slot", "every", "readings", "timeout_us")
+    slot: U8
     """Slot of the calibrations."""
-    every: int
+    every: Annotated[int, number("B", 1, 255, "updates")]
     """Number of updates per record."""
-    readings: int
+    readings: Annotated[int, number("H", 1, _MAX_READINGS, "readings")]
     """Number of readings that are averaged for the first attitude."""
-
-    def payload(self) -> bytes:
-        every = check_range(self.every, 1, 255, "updates")
-        readings = check_range(self.readings, 1, _MAX_READINGS, "readings")
-        return struct.pack("<BBHI", self.slot, every, readings, self.timeout_us)
 
     def parse(self, fields: FieldReader) -> Quaternions:
         return fields.reals(4, "attitude")
@@ -138,10 +126,7 @@ class FusionRun(Request[FusionSummary]):
     code = 0x23
     command = "FUSION_RUN"
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
-    duration_us: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<I", check_range(self.duration_us, 1, _LONGEST_US, "us"))
+    duration_us: Annotated[int, number("I", 1, _LONGEST_US, "us")]
 
     @property
     def board_time_s(self) -> float:
@@ -155,9 +140,5 @@ class FusionRead(Request[FusionRecords]):
 
     code = 0x24
     command = "FUSION_READ"
-    first: int
-    count: int = MAX_FUSION_READ
-
-    def payload(self) -> bytes:
-        count = check_range(self.count, 0, MAX_FUSION_READ, "records")
-        return struct.pack("<HB", check_range(self.first, 0, MAX_FUSION_RECORDS, "records"), count)
+    first: Annotated[int, number("H", 0, MAX_FUSION_RECORDS, "records")]
+    count: Annotated[int, number("B", 0, MAX_FUSION_READ, "records")] = MAX_FUSION_READ

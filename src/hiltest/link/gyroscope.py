@@ -6,21 +6,63 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hiltest.calibration.gyroscope import MAX_TURNS, GyroscopeFit, GyroscopeTurn, TurnsFit, TurnsStatus
-from hiltest.link.fields import FieldReader
-from hiltest.link.replies import Counts, Reals, RunCost, Statistic, Status
-from hiltest.link.request import Plain, Request, Timed, check_range
+from hiltest.link.fields import I8, U16, Axes, FieldReader, Form, Message, Vector, number, reals
+from hiltest.link.replies import Counts, RunCost, Statistic, Status
+from hiltest.link.request import Plain, Request, Timed
 
 MAX_REST = 4096
 MAX_TURN = 12_000
 MAX_LOG = 128
 #: Number of samples at either end of a turn with a separate sum.
 EDGE_SAMPLES = 20
+
+
+_SECONDS = Form(lambda fields, name: 1e-6 * fields.number("Q", name))
+
+
+def _read_sums(fields: FieldReader, name: str) -> NDArray[np.int64]:
+    return np.array([fields.number("i", name) for _ in range(3)], dtype=np.int64)
+
+
+_SUMS = Form(_read_sums)
+
+
+def _read_turns(fields: FieldReader, _name: str) -> list[GyroscopeTurn]:
+    return [
+        GyroscopeTurn(
+            fields.reals(3, "turned"),
+            _read_sums(fields, "sum"),
+            fields.number("H", "n"),
+            1e-6 * fields.number("I", "duration"),
+            fields.reals(3, "bias before"),
+            fields.reals(3, "bias after"),
+            fields.real("share"),
+        )
+        for _ in range(fields.number("B", "turns"))
+    ]
+
+
+def _pack_turns(turns: Sequence[GyroscopeTurn]) -> bytes:
+    return number("B", 1, MAX_TURNS, "turns").pack(len(turns)) + b"".join(map(_pack_turn, turns))
+
+
+def _pack_turn(turn: GyroscopeTurn) -> bytes:
+    return struct.pack(
+        "<3f3iHI3f3ff",
+        *turn.turned_deg,
+        *(int(total) for total in turn.total),
+        turn.n,
+        round(1e6 * turn.duration_s),
+        *turn.bias_before,
+        *turn.bias_after,
+        turn.share,
+    )
 
 
 class Axis(IntEnum):
@@ -41,30 +83,24 @@ class StillnessKind(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Stillness:
+class Stillness(Message):
     """Result of the test of a rest."""
 
     kind: StillnessKind
     axis: Axis
     """Axis of the largest deviation in the first window that is not still."""
-    first: int
+    first: U16
     """First sample of that window, from 0."""
     amount: float
     """Change of its mean from the samples before, or its spread [counts]."""
 
-    @classmethod
-    def parse(cls, fields: FieldReader) -> Stillness:
-        """Read the verdict."""
-        kind, axis = fields.choice(StillnessKind, "stillness"), fields.choice(Axis, "axis")
-        return cls(kind, axis, fields.number("H", "first sample"), fields.real("amount"))
-
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class Span(Message):
     """Times of the first and last sample, by the board's clock [s]; `lost` if the part's FIFO overflowed."""
 
-    first_s: float
-    last_s: float
+    first_s: Annotated[float, _SECONDS]
+    last_s: Annotated[float, _SECONDS]
     lost: bool
 
     @property
@@ -77,77 +113,42 @@ class Span:
         """Time from the first sample to the last [s]."""
         return self.last_s - self.first_s
 
-    @classmethod
-    def parse(cls, fields: FieldReader) -> Span:
-        """Read the times."""
-        first_us, last_us = fields.number("Q", "first time"), fields.number("Q", "last time")
-        return cls(1e-6 * first_us, 1e-6 * last_us, fields.flag("lost"))
-
 
 @dataclass(frozen=True, slots=True)
-class GyroscopeRestReply:
+class GyroscopeRestReply(Message):
     """Rate at rest [counts]; `corrected_mean` is without the bias stored before."""
 
-    n: int
-    rate: Statistic
-    corrected_mean: Reals
-    die_temperature_degc: int
+    n: U16
+    rate: Annotated[Statistic, Form(Statistic.read)]
+    corrected_mean: Vector
+    die_temperature_degc: I8
     span: Span
     stillness: Stillness
 
-    @classmethod
-    def parse(cls, fields: FieldReader) -> GyroscopeRestReply:
-        return cls(
-            fields.number("H", "count"),
-            Statistic.parse(fields, "gyroscope"),
-            fields.reals(3, "corrected mean"),
-            fields.number("b", "die temperature"),
-            Span.parse(fields),
-            Stillness.parse(fields),
-        )
-
 
 @dataclass(frozen=True, slots=True)
-class IntegrateGyroscopeReply:
+class IntegrateGyroscopeReply(Message):
     """Exact sums over a turn [counts]."""
 
-    n: int
-    total: NDArray[np.int64]
-    begin: NDArray[np.int64]
-    end: NDArray[np.int64]
+    n: U16
+    total: Annotated[NDArray[np.int64], _SUMS]
+    begin: Annotated[NDArray[np.int64], _SUMS]
+    end: Annotated[NDArray[np.int64], _SUMS]
     """Shape (3,). Sums of all samples, of the first and of the last `EDGE_SAMPLES`."""
-    lowest: Counts
-    highest: Counts
+    lowest: Axes
+    highest: Axes
     """Shape (3,). Extremes of the samples, by axis."""
-    die_temperature_degc: int
+    die_temperature_degc: I8
     span: Span
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> IntegrateGyroscopeReply:
-        return cls(
-            fields.number("H", "count"),
-            _sums(fields, "sum"),
-            _sums(fields, "sum at the begin"),
-            _sums(fields, "sum at the end"),
-            fields.counts(1, "lowest")[0],
-            fields.counts(1, "highest")[0],
-            fields.number("b", "die temperature"),
-            Span.parse(fields),
-        )
 
 
 @dataclass(frozen=True, slots=True)
-class LogGyroscopeReply:
+class LogGyroscopeReply(Message):
     """Samples without a gap; `span` covers all since the start of the log, but its `lost` only these."""
 
-    samples: Counts
-    die_temperature_degc: int
+    samples: Annotated[Counts, Form(lambda fields, name: fields.counts(fields.number("B", "count"), name))]
+    die_temperature_degc: I8
     span: Span
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> LogGyroscopeReply:
-        samples = fields.counts(fields.number("B", "count"), "samples")
-        return cls(samples, fields.number("b", "die temperature"), Span.parse(fields))
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +159,11 @@ class FitGyroscopeReply:
     cost: RunCost | None
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> FitGyroscopeReply:
+    def read(cls, fields: FieldReader) -> FitGyroscopeReply:
         status, at_fault = fields.choice(TurnsStatus, "fit status"), fields.number("B", "turn at fault")
         matrix, residual_deg = fields.reals(9, "matrix").reshape(3, 3), fields.real("residual")
         fit = TurnsFit(status, at_fault if at_fault < MAX_TURNS else None, matrix, residual_deg)
-        return cls(fit, RunCost.parse(fields))
+        return cls(fit, RunCost.read(fields))
 
 
 @dataclass(frozen=True)
@@ -171,14 +172,11 @@ class GyroscopeRest(Timed, Request[GyroscopeRestReply]):
 
     code = 0x0F
     command = "GYROSCOPE_REST"
-    n: int
+    order = ("n", "timeout_us", "store", "noise")
+    n: Annotated[int, number("H", 1, MAX_REST, "samples")]
     store: bool = False
     noise: float = 0.0
     """rms of one sample, if all were independent, for the test of stillness [counts]; 0 leaves the test out."""
-
-    def payload(self) -> bytes:
-        n = check_range(self.n, 1, MAX_REST, "samples")
-        return struct.pack("<HIBf", n, self.timeout_us, self.store, self.noise)
 
 
 @dataclass(frozen=True)
@@ -187,10 +185,8 @@ class IntegrateGyroscope(Timed, Request[IntegrateGyroscopeReply]):
 
     code = 0x1E
     command = "INTEGRATE_GYROSCOPE"
-    n: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<HI", check_range(self.n, 2 * EDGE_SAMPLES, MAX_TURN, "samples"), self.timeout_us)
+    order = ("n", "timeout_us")
+    n: Annotated[int, number("H", 2 * EDGE_SAMPLES, MAX_TURN, "samples")]
 
 
 @dataclass(frozen=True)
@@ -199,11 +195,9 @@ class LogGyroscope(Timed, Request[LogGyroscopeReply]):
 
     code = 0x25
     command = "LOG_GYROSCOPE"
-    n: int
+    order = ("n", "go_on", "timeout_us")
+    n: Annotated[int, number("B", 0, MAX_LOG, "samples")]
     go_on: bool = False
-
-    def payload(self) -> bytes:
-        return struct.pack("<BBI", check_range(self.n, 0, MAX_LOG, "samples"), self.go_on, self.timeout_us)
 
 
 @dataclass(frozen=True)
@@ -213,11 +207,7 @@ class FitGyroscope(Request[FitGyroscopeReply]):
     code = 0x1F
     command = "FIT_GYROSCOPE"
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
-    turns: Sequence[GyroscopeTurn]
-
-    def payload(self) -> bytes:
-        count = check_range(len(self.turns), 1, MAX_TURNS, "turns")
-        return bytes([count]) + b"".join(map(_turn_field, self.turns))
+    turns: Annotated[Sequence[GyroscopeTurn], Form(_read_turns, _pack_turns)]
 
 
 @dataclass(frozen=True)
@@ -226,12 +216,8 @@ class SetGyroscope(Plain):
 
     code = 0x20
     command = "SET_GYROSCOPE"
-    matrix: ArrayLike
-    bias: ArrayLike
-
-    def payload(self) -> bytes:
-        matrix, bias = np.asarray(self.matrix, dtype="<f4"), np.asarray(self.bias, dtype="<f4")
-        return matrix.reshape(9).tobytes() + bias.reshape(3).tobytes()
+    matrix: Annotated[ArrayLike, reals(3, 3)]
+    bias: Annotated[ArrayLike, reals(3)]
 
 
 @dataclass(frozen=True)
@@ -243,20 +229,3 @@ class GetGyroscope(Request[GyroscopeFit]):
 
     def parse(self, fields: FieldReader) -> GyroscopeFit:
         return GyroscopeFit(fields.reals(9, "matrix").reshape(3, 3), fields.reals(3, "bias"))
-
-
-def _turn_field(turn: GyroscopeTurn) -> bytes:
-    return struct.pack(
-        "<3f3iHI3f3ff",
-        *turn.turned_deg,
-        *(int(total) for total in turn.total),
-        turn.n,
-        round(1e6 * turn.duration_s),
-        *turn.bias_before,
-        *turn.bias_after,
-        turn.share,
-    )
-
-
-def _sums(fields: FieldReader, field: str) -> NDArray[np.int64]:
-    return np.array([fields.number("i", field) for _ in range(3)], dtype=np.int64)

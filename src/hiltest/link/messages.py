@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import U8, U16, U32, FieldReader, Form, check_range, number, reals
 from hiltest.link.replies import (
     AverageReply,
     CalibrateReply,
@@ -24,7 +24,7 @@ from hiltest.link.replies import (
     Status,
     SyncReply,
 )
-from hiltest.link.request import Plain, Request, Timed, check_range, name_field
+from hiltest.link.request import Plain, Request, Timed
 
 PROTOCOL_VERSION = 9
 MAX_UPLOAD = 160
@@ -35,16 +35,28 @@ MAX_COLLECT = 512
 MAX_AVERAGE = 512
 
 
+def _read_rows(fields: FieldReader, name: str) -> list[list[int]]:
+    count = fields.number("B", "count")
+    columns = 6 if count and fields.left == 12 * count else 3
+    rows: list[list[int]] = fields.counts(count, name, columns=columns).tolist()
+    return rows
+
+
+def _pack_rows(points: Sequence[Sequence[int]]) -> bytes:
+    rows = np.asarray(points)
+    check_range(len(rows), 1, MAX_UPLOAD if rows.shape[1:] == (3,) else MAX_UPLOAD_PAIRS, "points")
+    check_range(int(rows.min()), -0x8000, 0x7FFF, "counts")
+    check_range(int(rows.max()), -0x8000, 0x7FFF, "counts")
+    return bytes([len(rows)]) + rows.astype("<i2").tobytes()
+
+
 @dataclass(frozen=True)
 class Sync(Request[SyncReply]):
     """Request the return of a nonce: frames before it answer older requests."""
 
     code = 0x01
     command = "SYNC"
-    nonce: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<I", self.nonce)
+    nonce: U32
 
 
 @dataclass(frozen=True)
@@ -63,7 +75,7 @@ class Sensors(Request[tuple[SensorInfo, ...]]):
     command = "SENSORS"
 
     def parse(self, fields: FieldReader) -> tuple[SensorInfo, ...]:
-        return tuple(SensorInfo.parse(fields) for _ in range(fields.number("B", "sensors")))
+        return tuple(SensorInfo.read(fields) for _ in range(fields.number("B", "sensors")))
 
 
 @dataclass(frozen=True)
@@ -72,10 +84,7 @@ class Select(Plain):
 
     code = 0x04
     command = "SELECT"
-    sensor_id: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<B", self.sensor_id)
+    sensor_id: U8
 
 
 @dataclass(frozen=True)
@@ -84,11 +93,9 @@ class Read(Timed, Request[ReadReply]):
 
     code = 0x05
     command = "READ"
-    sensor_id: int
-    count: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<BBI", self.sensor_id, check_range(self.count, 1, MAX_READ, "samples"), self.timeout_us)
+    order = ("sensor_id", "count", "timeout_us")
+    sensor_id: U8
+    count: Annotated[int, number("B", 1, MAX_READ, "samples")]
 
 
 @dataclass(frozen=True)
@@ -97,10 +104,8 @@ class Collect(Timed, Request[CollectReply]):
 
     code = 0x06
     command = "COLLECT"
-    count: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<HI", check_range(self.count, 1, MAX_COLLECT, "points"), self.timeout_us)
+    order = ("count", "timeout_us")
+    count: Annotated[int, number("H", 1, MAX_COLLECT, "points")]
 
 
 @dataclass(frozen=True)
@@ -112,15 +117,8 @@ class Upload(Request[int]):
 
     code = 0x07
     command = "UPLOAD"
-    first: int
-    points: Sequence[Sequence[int]]
-
-    def payload(self) -> bytes:
-        rows = np.asarray(self.points)
-        check_range(len(rows), 1, MAX_UPLOAD if rows.shape[1:] == (3,) else MAX_UPLOAD_PAIRS, "points")
-        check_range(int(rows.min()), -0x8000, 0x7FFF, "counts")
-        check_range(int(rows.max()), -0x8000, 0x7FFF, "counts")
-        return struct.pack("<HB", self.first, len(rows)) + rows.astype("<i2").tobytes()
+    first: U16
+    points: Annotated[Sequence[Sequence[int]], Form(_read_rows, _pack_rows)]
 
     def parse(self, fields: FieldReader) -> int:
         return fields.number("H", "stored")
@@ -132,11 +130,8 @@ class Points(Request[PointsReply]):
 
     code = 0x08
     command = "POINTS"
-    first: int
-    count: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<HB", self.first, check_range(self.count, 1, MAX_POINTS_READ, "points"))
+    first: U16
+    count: Annotated[int, number("B", 1, MAX_POINTS_READ, "points")]
 
 
 @dataclass(frozen=True)
@@ -154,13 +149,10 @@ class TimeRange(Request[RunCost | None]):
     code = 0x27
     command = "TIME_RANGE"
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
-    n: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<H", check_range(self.n, 1, 0xFFFF, "points"))
+    n: Annotated[int, number("H", 1, 0xFFFF, "points")]
 
     def parse(self, fields: FieldReader) -> RunCost | None:
-        return RunCost.parse(fields)
+        return RunCost.read(fields)
 
 
 @dataclass(frozen=True)
@@ -171,13 +163,10 @@ class Calibrate(Request[CalibrateReply]):
     command = "CALIBRATE"
     # Without a counter the fit is still valid, and its cost is None.
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
-    n: int
+    order = ("n", "iterations", "calibrator")
+    n: U16
     calibrator: str
-    iterations: int = field(default=0, kw_only=True)
-
-    def payload(self) -> bytes:
-        limit = check_range(self.iterations, 0, 0xFFFF, "iterations")
-        return struct.pack("<HH", self.n, limit) + name_field(self.calibrator)
+    iterations: Annotated[int, number("H", 0, 0xFFFF, "iterations")] = field(default=0, kw_only=True)
 
     @property
     def board_time_s(self) -> float:
@@ -191,14 +180,9 @@ class SetCalibration(Plain):
 
     code = 0x0B
     command = "SET_CALIBRATION"
-    slot: int
-    soft_iron: ArrayLike
-    hard_iron: ArrayLike
-
-    def payload(self) -> bytes:
-        soft_iron = np.asarray(self.soft_iron, dtype="<f4").reshape(9)
-        hard_iron = np.asarray(self.hard_iron, dtype="<f4").reshape(3)
-        return struct.pack("<B", self.slot) + soft_iron.tobytes() + hard_iron.tobytes()
+    slot: U8
+    soft_iron: Annotated[ArrayLike, reals(3, 3)]
+    hard_iron: Annotated[ArrayLike, reals(3)]
 
 
 @dataclass(frozen=True)
@@ -207,10 +191,7 @@ class GetCalibration(Request[CalibrationReply]):
 
     code = 0x0C
     command = "GET_CALIBRATION"
-    slot: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<B", self.slot)
+    slot: U8
 
 
 @dataclass(frozen=True)
@@ -219,10 +200,7 @@ class ClearCalibration(Plain):
 
     code = 0x0D
     command = "CLEAR_CALIBRATION"
-    slot: int
-
-    def payload(self) -> bytes:
-        return struct.pack("<B", self.slot)
+    slot: U8
 
 
 @dataclass(frozen=True)
@@ -231,14 +209,12 @@ class Average(Timed, Request[AverageReply]):
 
     code = 0x0E
     command = "AVERAGE"
-    n: int
-    slot_bitmask: int = 0
-
-    def payload(self) -> bytes:
-        return struct.pack("<HIH", check_range(self.n, 1, MAX_AVERAGE, "samples"), self.timeout_us, self.slot_bitmask)
+    order = ("n", "timeout_us", "slot_bitmask")
+    n: Annotated[int, number("H", 1, MAX_AVERAGE, "samples")]
+    slot_bitmask: U16 = 0
 
     def parse(self, fields: FieldReader) -> AverageReply:
-        return AverageReply.parse(fields, self.slot_bitmask)
+        return AverageReply.read(fields, self.slot_bitmask)
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hiltest.calibration.fit import FitStatus
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import U8, U16, U32, Axes, FieldReader, Form, Matrix, Message, Reals, Vector
 from hiltest.orientation.angles import Pose
 
-Reals = NDArray[np.float64]
 Counts = NDArray[np.int16]
 
 MICROTESLA_PER_COUNT = 0.1
@@ -64,85 +63,50 @@ class CycleSource(IntEnum):
     DWT = 1
 
 
+_UNIQUE_ID = Form(lambda fields, name: b"".join(fields.number("I", name).to_bytes(4, "big") for _ in range(4)))
+_TEXTS = Form(lambda fields, name: tuple(fields.text(name) for _ in range(fields.number("B", name))))
+
+
 @dataclass(frozen=True, slots=True)
-class SyncReply:
+class SyncReply(Message):
     """Echo of a nonce."""
 
-    nonce: int
-    protocol_version: int
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> SyncReply:
-        return cls(fields.number("I", "nonce"), fields.number("H", "protocol version"))
+    nonce: U32
+    protocol_version: U16
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class Identity(Message):
     """Identity and abilities of the firmware."""
 
-    protocol_version: int
-    core_clock_hz: int
+    protocol_version: U16
+    core_clock_hz: U32
     cycle_source: CycleSource
-    max_points: int
-    slots: int
-    unique_id: bytes
+    max_points: U16
+    slots: U8
+    unique_id: Annotated[bytes, _UNIQUE_ID]
     name: str
     version: str
     build_id: str
     compiler: str
     placement: str
-    calibrators: tuple[str, ...]
-    stream_calibrators: tuple[str, ...]
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> Identity:
-        return cls(
-            protocol_version=fields.number("H", "protocol version"),
-            core_clock_hz=fields.number("I", "core clock"),
-            cycle_source=fields.choice(CycleSource, "cycle source"),
-            max_points=fields.number("H", "buffer size"),
-            slots=fields.number("B", "slots"),
-            unique_id=b"".join(fields.number("I", "unique id").to_bytes(4, "big") for _ in range(4)),
-            name=fields.text("name"),
-            version=fields.text("version"),
-            build_id=fields.text("build id"),
-            compiler=fields.text("compiler"),
-            placement=fields.text("placement"),
-            calibrators=tuple(fields.text("calibrator") for _ in range(fields.number("B", "calibrators"))),
-            stream_calibrators=tuple(
-                fields.text("stream calibrator") for _ in range(fields.number("B", "stream calibrators"))
-            ),
-        )
+    calibrators: Annotated[tuple[str, ...], _TEXTS]
+    stream_calibrators: Annotated[tuple[str, ...], _TEXTS]
 
 
 @dataclass(frozen=True, slots=True)
-class SensorInfo:
+class SensorInfo(Message):
     """A sensor that the firmware supports, and whether it answered."""
 
-    sensor_id: int
+    sensor_id: U8
     kind: SensorKind
-    bus: int
-    address: int
-    expected_who_am_i: int
-    seen_who_am_i: int
+    bus: U8
+    address: U8
+    expected_who_am_i: U8
+    seen_who_am_i: U8
     present: bool
     selected: bool
     name: str
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> SensorInfo:
-        """Read one entry of the SENSORS reply."""
-        return cls(
-            sensor_id=fields.number("B", "sensor id"),
-            kind=fields.choice(SensorKind, "sensor kind"),
-            bus=fields.number("B", "bus"),
-            address=fields.number("B", "address"),
-            expected_who_am_i=fields.number("B", "expected WHO_AM_I"),
-            seen_who_am_i=fields.number("B", "seen WHO_AM_I"),
-            present=fields.flag("present"),
-            selected=fields.flag("selected"),
-            name=fields.text("sensor name"),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +123,7 @@ class ReadReply:
     """Temperature from the part, uncalibrated."""
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> ReadReply:
+    def read(cls, fields: FieldReader) -> ReadReply:
         count = fields.number("B", "count")
         rows = [(fields.number("Q", "time"), fields.counts(1, "sample")) for _ in range(count)]
         times = np.array([time for time, _ in rows], dtype=np.uint64).astype(np.int64)
@@ -168,22 +132,13 @@ class ReadReply:
 
 
 @dataclass(frozen=True, slots=True)
-class CollectReply:
+class CollectReply(Message):
     """State of the point buffer after collecting, with its range per axis [counts]."""
 
-    stored: int
-    minimum: Counts
-    maximum: Counts
-    overruns: int
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> CollectReply:
-        return cls(
-            fields.number("H", "stored"),
-            fields.counts(1, "minimum")[0],
-            fields.counts(1, "maximum")[0],
-            fields.number("H", "overruns"),
-        )
+    stored: U16
+    minimum: Axes
+    maximum: Axes
+    overruns: U16
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,23 +149,19 @@ class PointsReply:
     accelerometer: Counts
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> PointsReply:
+    def read(cls, fields: FieldReader) -> PointsReply:
         rows = fields.counts(fields.number("B", "count"), "points", columns=6)
         return cls(rows[:, :3], rows[:, 3:])
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrationReply:
+class CalibrationReply(Message):
     """A magnetometer calibration: ``unit = soft_iron @ (counts - hard_iron)``."""
 
-    soft_iron: Reals
+    soft_iron: Matrix
     """Shape (3, 3) [1/count], row-major on the wire."""
-    hard_iron: Reals
+    hard_iron: Vector
     """Shape (3,) [counts]."""
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> CalibrationReply:
-        return cls(fields.reals(9, "soft iron").reshape(3, 3), fields.reals(3, "hard iron"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +172,7 @@ class RunCost:
     overhead_cycles: int
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> RunCost | None:
+    def read(cls, fields: FieldReader) -> RunCost | None:
         """Read the cost; None for an empty call of 0 cycles, which means that there is no counter."""
         cycles, overhead_cycles = fields.number("I", "cycles"), fields.number("I", "overhead cycles")
         return cls(cycles, overhead_cycles) if overhead_cycles else None
@@ -244,29 +195,18 @@ class CostedSteps(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class CalibrateReply:
+class CalibrateReply(Message):
     """Result and cost of a calibrator."""
 
     fit: FitStatus
-    is_sphere: bool
+    is_sphere: Annotated[bool, Form(lambda fields, name: bool(fields.number("B", name) & 1))]
     """True if the calibration is the sphere fit in place of a refused ellipsoid."""
-    iterations: int
+    iterations: U16
     calibration: CalibrationReply
     coverage: float
     """Largest M_ii / d_i over the pivots; 0 for calibrators without it."""
     cost: RunCost | None
     """Cost; None without a cycle counter."""
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> CalibrateReply:
-        return cls(
-            fit=fields.choice(FitStatus, "fit status"),
-            is_sphere=bool(fields.number("B", "flags") & 1),
-            iterations=fields.number("H", "iterations"),
-            calibration=CalibrationReply.parse(fields),
-            coverage=fields.real("coverage"),
-            cost=RunCost.parse(fields),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,7 +217,7 @@ class Statistic:
     spread: Reals | None
 
     @classmethod
-    def parse(cls, fields: FieldReader, name: str) -> Statistic:
+    def read(cls, fields: FieldReader, name: str) -> Statistic:
         """Read six float32."""
         return cls(fields.reals(3, f"{name} mean"), fields.reals_if_any(3, f"{name} spread"))
 
@@ -290,7 +230,7 @@ class SlotHeading:
     attitude: Pose | None
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> SlotHeading:
+    def read(cls, fields: FieldReader) -> SlotHeading:
         """Read a status and three angles."""
         status = fields.choice(Status, "heading status")
         if status is not Status.OK:
@@ -310,26 +250,22 @@ class AverageReply:
     headings: dict[int, SlotHeading]
 
     @classmethod
-    def parse(cls, fields: FieldReader, slot_bitmask: int) -> AverageReply:
+    def read(cls, fields: FieldReader, slot_bitmask: int = 0) -> AverageReply:
         """Read the reply to a request for these slots."""
         return cls(
             fields.number("H", "count"),
-            Statistic.parse(fields, "magnetometer"),
-            Statistic.parse(fields, "accelerometer"),
+            Statistic.read(fields, "magnetometer"),
+            Statistic.read(fields, "accelerometer"),
             fields.number("H", "overruns"),
-            {slot: SlotHeading.parse(fields) for slot in range(16) if slot_bitmask >> slot & 1},
+            {slot: SlotHeading.read(fields) for slot in range(16) if slot_bitmask >> slot & 1},
         )
 
 
 @dataclass(frozen=True, slots=True)
-class LinkCounters:
+class LinkCounters(Message):
     """Counters of the firmware's line since reset."""
 
-    frames: int
-    damaged: int
-    uart_overruns: int
-    repeated: int
-
-    @classmethod
-    def parse(cls, fields: FieldReader) -> LinkCounters:
-        return cls(*(fields.number("I", name) for name in ("frames", "damaged", "uart overruns", "repeated")))
+    frames: U32
+    damaged: U32
+    uart_overruns: U32
+    repeated: U32

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, TypeVar, get_args, get_origin
 
 from hiltest.errors import DeviceError
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import U32, FieldReader, Message
 from hiltest.link.replies import Status
 
 REPLY_BIT = 0x80
@@ -28,7 +28,7 @@ _HINTS = {
 
 
 @dataclass(frozen=True)
-class Request(Generic[R]):
+class Request(Message, Generic[R]):
     """A request; `R` is the type of its parsed reply."""
 
     code: ClassVar[int]
@@ -36,10 +36,6 @@ class Request(Generic[R]):
     # Statuses of replies with data; most requests have only OK.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK})
     _reply: ClassVar[Any]
-
-    def payload(self) -> bytes:
-        """Return the request's payload."""
-        return b""
 
     def __init_subclass__(cls) -> None:
         """Store the class in ``Request[...]``."""
@@ -49,8 +45,8 @@ class Request(Generic[R]):
                 (cls._reply,) = get_args(base)
 
     def parse(self, fields: FieldReader) -> R:
-        """Read the data of an OK reply, by default with the `parse` of its class."""
-        reply: R = self._reply.parse(fields)
+        """Read the data of an OK reply, by default with the `read` of its class."""
+        reply: R = self._reply.read(fields)
         return reply
 
     @property
@@ -71,7 +67,7 @@ class Plain(Request[None]):
 class Timed:
     """Mixin of requests that wait for samples, at most `timeout_us` in total."""
 
-    timeout_us: int = field(default=5_000_000, kw_only=True)
+    timeout_us: U32 = field(default=5_000_000, kw_only=True)
 
     @property
     def board_time_s(self) -> float:
@@ -97,15 +93,3 @@ def decode_reply(request: Request[R], payload: bytes) -> R:
     data = request.parse(fields)
     fields.end()
     return data
-
-
-def name_field(name: str) -> bytes:
-    """Return a calibrator's name as a string on the wire."""
-    return bytes([check_range(len(name), 1, 255, "characters")]) + name.encode("ascii")
-
-
-def check_range(value: int, lowest: int, highest: int, unit: str) -> int:
-    """Return a value if it is in range; otherwise raise a `ValueError` with the range."""
-    if not lowest <= value <= highest:
-        raise ValueError(f"{value} {unit}; the protocol takes {lowest} to {highest}")
-    return value

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import FieldReader, number
 from hiltest.link.replies import RunCost, Status
-from hiltest.link.request import Request, check_range
+from hiltest.link.request import Request
 
 #: Names of the sequences, in the order of the protocol.
 SEQUENCES = (
@@ -110,16 +109,11 @@ class TimeSequence(Request[RunCost | None]):
     command = "TIME_SEQUENCE"
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
 
-    sequence: int
+    sequence: Annotated[int, number("B", 0, len(SEQUENCES) - 1, "sequence")]
     """Index in `SEQUENCES`."""
     place: SequencePlace = SequencePlace.SRAM
     """Memory that it runs from."""
 
-    def payload(self) -> bytes:
-        """Return sequence and place."""
-        check_range(self.sequence, 0, len(SEQUENCES) - 1, "sequence")
-        return struct.pack("<BB", self.sequence, self.place)
-
     def parse(self, fields: FieldReader) -> RunCost | None:
         """Read the cost of its first half, and of a run of the second."""
-        return RunCost.parse(fields)
+        return RunCost.read(fields)

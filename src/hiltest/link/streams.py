@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from hiltest.calibration.fit import FitStatus
 from hiltest.errors import ProtocolError
-from hiltest.link.fields import FieldReader
+from hiltest.link.fields import FieldReader, number
 from hiltest.link.replies import CalibrationReply, RunCost, Status
-from hiltest.link.request import Plain, Request, check_range, name_field
+from hiltest.link.request import Plain, Request
 
 MAX_FEED = 80
 
@@ -37,7 +36,7 @@ class StreamStepsReply:
     """One cost per point, in order; None without a cycle counter."""
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> StreamStepsReply:
+    def read(cls, fields: FieldReader) -> StreamStepsReply:
         """Read the reply; an overhead of 0 cycles means that there is no counter."""
         status = fields.choice(StreamStatus, "stream status")
         overhead_cycles = fields.number("I", "overhead cycles")
@@ -72,16 +71,15 @@ class StreamStateReply:
     """Cost of this answer, including the fit of a calibrator that fits on request. None without a cycle counter."""
 
     @classmethod
-    def parse(cls, fields: FieldReader) -> StreamStateReply:
+    def read(cls, fields: FieldReader) -> StreamStateReply:
         fit = fields.choice(FitStatus, "fit status")
         flags = fields.number("B", "flags")
         iterations = fields.number("H", "iterations")
-        calibration = CalibrationReply.parse(fields)
+        calibration = CalibrationReply.read(fields)
         coverage = fields.real("coverage")
         held = fields.number("H", "points held")
         elements = fields.number("B", "elements")
         accepted = fields.number("I", "accepted")
-        fit_error = fields.reals_if_any(1, "fit error")
         return cls(
             fit,
             bool(flags & 1),
@@ -92,8 +90,8 @@ class StreamStateReply:
             held,
             elements,
             accepted,
-            None if fit_error is None else float(fit_error[0]),
-            RunCost.parse(fields),
+            fields.real_if_any("fit error"),
+            RunCost.read(fields),
         )
 
 
@@ -103,11 +101,9 @@ class StreamReset(Plain):
 
     code = 0x12
     command = "STREAM_RESET"
+    order = ("sliced", "stream")
     stream: str
     sliced: bool = False
-
-    def payload(self) -> bytes:
-        return struct.pack("<B", self.sliced) + name_field(self.stream)
 
 
 @dataclass(frozen=True)
@@ -116,17 +112,14 @@ class _StreamSteps(Request[StreamStepsReply]):
 
     # Without a counter the points are still processed, and their cost is None.
     answered_with: ClassVar[frozenset[Status]] = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
+    order = ("first", "count", "stream")
     stream: str
-    first: int
-    count: int
-
-    def payload(self) -> bytes:
-        count = check_range(self.count, 1, MAX_FEED, "points")
-        return struct.pack("<HB", check_range(self.first, 0, 0xFFFF, "points"), count) + name_field(self.stream)
+    first: Annotated[int, number("H", 0, 0xFFFF, "points")]
+    count: Annotated[int, number("B", 1, MAX_FEED, "points")]
 
     def parse(self, fields: FieldReader) -> StreamStepsReply:
         """Read the reply; raise a `ProtocolError` if it has more points than were sent, or fewer without a reason."""
-        reply = StreamStepsReply.parse(fields)
+        reply = StreamStepsReply.read(fields)
         if reply.taken > self.count or (reply.taken == self.count) != (reply.status is StreamStatus.OK):
             raise ProtocolError(
                 f"reply to {self.command}: {reply.status.name} after {reply.taken} of {self.count} points; "
@@ -162,6 +155,3 @@ class StreamState(Request[StreamStateReply]):
     command = "STREAM_STATE"
     answered_with = frozenset({Status.OK, Status.NO_CYCLE_COUNTER})
     stream: str
-
-    def payload(self) -> bytes:
-        return name_field(self.stream)

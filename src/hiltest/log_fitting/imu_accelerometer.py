@@ -60,7 +60,6 @@ BOUNDS = (
     # Nine unknowns: nine rests leave no residual, eighteen determine the error to 24 %.
     Bound(
         "rests",
-        "",
         10.0,
         Acceptance.POOR,
         "an ellipsoid through nine rests is exact, without an estimate of its error; lay the board down in more poses",
@@ -68,7 +67,6 @@ BOUNDS = (
     ),
     Bound(
         "rests",
-        "",
         18.0,
         Acceptance.FAIR,
         "too few rests remain to estimate the error; lay the board down in more poses",
@@ -76,21 +74,18 @@ BOUNDS = (
     ),
     Bound(
         "condition",
-        "",
         300.0,
         Acceptance.REFUSED,
         "too few directions of gravity to determine an ellipsoid; turn the sensor in all directions",
     ),
     Bound(
         "condition",
-        "",
         WELL_CONDITIONED,
         Acceptance.FAIR,
         "a large part of the sphere is missing; turn the sensor in all directions",
     ),
     Bound(
         "spread_after_percent",
-        "%",
         20.0,
         Acceptance.REFUSED,
         "the readings do not lie on an ellipsoid: wrong columns, or only shocks",
@@ -98,21 +93,18 @@ BOUNDS = (
     # For single readings 5 % are 3 degrees. Rests of an intact part agree to 0.1 %.
     Bound(
         "spread_after_percent",
-        "%",
         5.0,
         Acceptance.POOR,
         "the acceleration of the motion is too large beside gravity; turn the sensor more slowly, or lay it down",
     ),
     Bound(
         "spread_after_percent",
-        "%",
         0.5,
         Acceptance.FAIR,
         "motion, drift or touch adds to gravity; leave the sensor alone for three seconds in each pose",
     ),
     Bound(
         "axis_ratio",
-        "",
         1.5,
         Acceptance.REFUSED,
         "the scales of one part are within some percent of each other; check that these are the columns of one "
@@ -120,28 +112,24 @@ BOUNDS = (
     ),
     Bound(
         "left_out_percent",
-        "%",
         100.0 * MANY_LEFT_OUT,
         Acceptance.FAIR,
         "so many readings are far from the ellipsoid that it may be wrong; turn the sensor without jerks",
     ),
     Bound(
         "direction_error_deg",
-        "deg",
         5.0,
         Acceptance.REFUSED,
         "gravity would be less accurate than without calibration; lay the board down in more poses, in all directions",
     ),
     Bound(
         "direction_error_deg",
-        "deg",
         1.0,
         Acceptance.POOR,
         "at a dip of 62 deg the heading error is twice as large; lay the board down in more poses, in all directions",
     ),
     Bound(
         "direction_error_deg",
-        "deg",
         0.25,
         Acceptance.FAIR,
         "at a dip of 62 deg the heading error is twice as large; align the board more precisely, or use more poses",

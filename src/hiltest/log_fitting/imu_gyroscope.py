@@ -41,7 +41,6 @@ _REFUSALS = {
 BOUNDS = (
     Bound(
         "turns",
-        "",
         4.0,
         Acceptance.FAIR,
         "three turns determine the matrix exactly: add a fourth to estimate its error",
@@ -49,7 +48,6 @@ BOUNDS = (
     ),
     Bound(
         "left_percent",
-        "%",
         1.0,
         Acceptance.POOR,
         "the turns contradict each other: check that each turn was whole, on a level table, and within the sensor's "
@@ -57,7 +55,6 @@ BOUNDS = (
     ),
     Bound(
         "left_percent",
-        "%",
         0.5,
         Acceptance.FAIR,
         "the turns contradict each other by more than a turn by hand against an edge; turn back to the edge",

@@ -145,10 +145,6 @@ class Kind:
     next_step: str = ""
     """Next step if it is out of its limit; by default `NEXT_STEP` of the section."""
 
-    def name_for(self, subject: str) -> str:
-        """Return the name of the measurement of a subject."""
-        return _name(self.name, subject)
-
 
 @dataclass(frozen=True, slots=True)
 class NamedKind:

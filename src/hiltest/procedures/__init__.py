@@ -45,7 +45,6 @@ from hiltest.procedures.turntables import (
     OperatorTurntable,
     SimulatedTurntable,
     Turntable,
-    open_turntable,
 )
 
 __all__ = [
@@ -115,7 +114,6 @@ __all__ = [
     "measure_turn",
     "open_grbl_turntable",
     "open_table",
-    "open_turntable",
     "predicted_residual_percent",
     "rest_gyroscope",
     "run_calibrators",

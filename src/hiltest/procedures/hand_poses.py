@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import chain, pairwise
 from typing import Any, Generic, Protocol, TypeVar
@@ -12,12 +13,13 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hiltest.boards.board import Board
 from hiltest.calibration.accelerometer import MOVED_SPREAD_MG
 from hiltest.errors import OperatorAbsentError, TurntableError
 from hiltest.orientation.angles import Pose, rotation_body_from_ned, wrap_180
 from hiltest.procedures.followed_turn import FollowedTurn
 from hiltest.procedures.hand_checks import LEAST_TURN_DEG, setting_errors_deg, turn_fault
-from hiltest.procedures.questions import Glance, Live, Question
+from hiltest.procedures.questions import Glance, Question
 from hiltest.procedures.turntables import AXES_IN_WORDS, QUESTIONS, Achieved, OperatorTurntable, heading_of
 from hiltest.text import format_count, join_words
 
@@ -120,10 +122,9 @@ class PoseWalk:
 
 
 Taken = TypeVar("Taken")
-Reading = TypeVar("Reading", covariant=True)
 
 
-class PoseReader(Protocol[Reading]):
+class PoseReader(ABC, Generic[Taken]):
     """Reads a board at known angles, by its interface to the firmware.
 
     Attributes
@@ -141,26 +142,35 @@ class PoseReader(Protocol[Reading]):
     can_go_on: bool
     may_glance: bool
     has_known_scale: bool
-    turn: FollowedTurn
+
+    def __init__(self, board: Board, mounting_yaw_deg: float) -> None:
+        self._board, self._yaw_deg, self.turn = board, mounting_yaw_deg, FollowedTurn()
 
     def field_at(self, achieved: Achieved) -> Reals:
         """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
-
-    def read_ut(self, reading: Any) -> Reals | None:
-        """Return the mean of the raw magnetometer, shape (3,) [uT]; None if the firmware does not report it."""
-
-    def moved_between(self, before: Any, after: Any) -> str:
-        """Describe how field or gravity differ between two readings; empty if they are equal within their noise."""
+        return rotation_body_from_ned(achieved.attitude(self._yaw_deg)) @ self._board.declared.field_ned_ut
 
     def now_s(self) -> float:
         """Return the time of the board's clock [s]."""
+        return self._board.now_s()
 
-    def read(self, pose: Pose) -> Reading:
+    @abstractmethod
+    def read_ut(self, reading: Taken) -> Reals | None:
+        """Return the mean of the raw magnetometer, shape (3,) [uT]; None if the firmware does not report it."""
+
+    @abstractmethod
+    def moved_between(self, before: Taken, after: Taken) -> str:
+        """Describe how field or gravity differ between two readings; empty if they are equal within their noise."""
+
+    @abstractmethod
+    def read(self, pose: Pose) -> Taken:
         """Read the board at a pose where its table stands."""
 
-    def read_when_still(self, pose: Pose) -> tuple[Reading | None, str]:
+    @abstractmethod
+    def read_when_still(self, pose: Pose) -> tuple[Taken | None, str]:
         """Read the board as soon as it stands; return None and a description of the motion if it does not."""
 
+    @abstractmethod
     def glance(self) -> Glance:
         """Return the board's heading now."""
 
@@ -187,105 +197,16 @@ class StoredPoses(Generic[Taken]):
     """Stores a pose."""
 
 
-def walk_by_hand(
-    table: OperatorTurntable,
-    poses: Sequence[Pose],
-    walk: PoseWalk,
-    *,
-    take: Callable[[int, float | None], str],
-    check: Callable[[], Mapping[int, str]],
-    look: Callable[[], Glance] | None,
-    asked_deg: Callable[[float], float | None],
-    now_s: Callable[[], float],
-    say: str,
-    stopped: str,
-) -> None:
-    """Ask for each pose and capture it, until all are done.
+@dataclass(frozen=True, slots=True)
+class TakenAngles(Generic[Taken]):
+    """Readings at known angles."""
 
-    Parameters
-    ----------
-    take
-        Captures the reached pose, by its index and heading [deg], or, without a heading, keeps the reading that was
-        doubted there; returns the reason to ask again, empty if it was captured.
-    check
-        Returns the captured poses that stick out, each with a description. Each is requested once more.
-    look
-        Returns the board's heading while a question waits; None for questions without one.
-    asked_deg
-        Returns the turn from the last known angle to a heading.
-    now_s
-        The board's clock.
-    say
-        Text before the first question.
-    stopped
-        Message about a run that the operator stops.
-
-    Raises
-    ------
-    OperatorAbsentError
-        When nobody answers, or three consecutive answers are neither an angle nor a wish.
-    KeyboardInterrupt
-        When the operator stops.
-    TurntableError
-        When every pose was skipped.
-    """
-    pace = _Pace(walk, now_s)
-    message, nonsense = f"{say}{_ORDERS}", 0
-    offered: set[int] = set()
-    while True:
-        if walk.at is None:
-            again = {index: reason for index, reason in check().items() if index not in offered}
-            offered |= again.keys()
-            walk.offer(again)
-            message += "".join(f"pose {index + 1} sticks out: {reason}.\n" for index, reason in again.items())
-        at = walk.at
-        text = message + (_ask_at_end(walk) if at is None else question_of(at, poses[at], is_taken=at in walk.offered))
-        answer = table.ask(
-            Question(
-                text,
-                look and (lambda: _live(look(), pace())),
-                pose=None if at is None else poses[at],
-                asked_deg=None if at is None else asked_deg(poses[at].heading_deg),
-                wishes=[
-                    wish.value
-                    for wish in Wish
-                    if (wish is not Wish.SKIP or at is not None) and (wish is not Wish.KEEP or _KEEPS in message)
-                ],
-                takes_heading=at is not None,
-            )
-        )
-        wish, message = wish_of(answer), ""
-        if wish is Wish.STOP:
-            raise KeyboardInterrupt(
-                f"the operator stops, with {len(walk.taken)} of {walk.of} known angles taken; {stopped}"
-            )
-        heading_deg = None if at is None else heading_of(answer, poses[at].heading_deg)
-        if wish is Wish.REDO:
-            walk.redo()
-        elif wish is Wish.BACK:
-            walk.back()
-        elif wish is Wish.SKIP:
-            walk.skip()
-            message = f"pose {at + 1} is not measured.\n" if at in walk.skipped and at is not None else ""
-        elif at is None and not answer.strip():
-            break
-        elif at is None or (heading_deg is None and wish is not Wish.KEEP):
-            nonsense += 1
-            if nonsense == QUESTIONS:
-                raise OperatorAbsentError(
-                    f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?"
-                )
-            message = f"{answer.strip()!r} is neither a heading between -360 and 360 nor one of the letters.\n"
-            continue
-        elif not (message := take(at, heading_deg)):
-            walk.take()
-        nonsense = 0
-    if not walk.taken:
-        raise TurntableError("every known angle was skipped: there is no heading to judge")
-
-
-def _live(glance: Glance, pace: str) -> Live:
-    return Live(f"{glance}; {pace}", glance)
+    readings: Mapping[int, tuple[Achieved, Taken]]
+    """Results by the index of the pose, in order, without those that an operator skipped."""
+    unset: Mapping[int, str] = field(default_factory=dict)
+    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
+    decision: str = ""
+    """Reason why the other poses were not measured; empty if all were requested."""
 
 
 class _HandReadings(Generic[Taken]):
@@ -306,20 +227,101 @@ class _HandReadings(Generic[Taken]):
         self._reader, self._table, self._poses, self._stored = reader, table, poses, stored
         self._doubted: tuple[int, tuple[Achieved, Taken]] | None = None
         self._doubts = 0
-        self.trusts = False  # True once the operator has kept a doubted reading: then the sensor is wrong, or the check
+        self._began_s, self._had = reader.now_s(), len(self.walk.taken)
+        # True once the operator has kept a doubted reading: then the sensor is wrong, or the check.
+        self._trusts = False
 
-    def take(self, at: int, heading_deg: float | None) -> str:
+    def ask_for_all(self, say: str, stopped: str) -> None:
+        """Ask for each pose and capture it, until all are done; poses that stick out are requested once more.
+
+        Parameters
+        ----------
+        say
+            Text before the first question.
+        stopped
+            Message about a run that the operator stops.
+
+        Raises
+        ------
+        OperatorAbsentError
+            When nobody answers, or three consecutive answers are neither an angle nor a wish.
+        KeyboardInterrupt
+            When the operator stops.
+        TurntableError
+            When every pose was skipped.
+        """
+        walk, poses, message, nonsense = self.walk, self._poses, f"{say}{_ORDERS}", 0
+        offered: set[int] = set()
+        while True:
+            if walk.at is None:
+                out = {} if self._trusts else self.unset()
+                again = {index: reason for index, reason in out.items() if index not in offered}
+                offered |= again.keys()
+                walk.offer(again)
+                message += "".join(f"pose {index + 1} sticks out: {reason}.\n" for index, reason in again.items())
+            at = walk.at
+            answer = self._ask(message)
+            wish, message = wish_of(answer), ""
+            if wish is Wish.STOP:
+                raise KeyboardInterrupt(
+                    f"the operator stops, with {len(walk.taken)} of {walk.of} known angles taken; {stopped}"
+                )
+            heading_deg = None if at is None else heading_of(answer, poses[at].heading_deg)
+            if wish is Wish.REDO:
+                walk.redo()
+            elif wish is Wish.BACK:
+                walk.back()
+            elif wish is Wish.SKIP:
+                walk.skip()
+                message = f"pose {at + 1} is not measured.\n" if at in walk.skipped and at is not None else ""
+            elif at is None and not answer.strip():
+                break
+            elif at is None or (heading_deg is None and wish is not Wish.KEEP):
+                nonsense += 1
+                if nonsense == QUESTIONS:
+                    raise OperatorAbsentError(
+                        f"{QUESTIONS} answers were no heading between -360 and 360: is an operator there?"
+                    )
+                message = f"{answer.strip()!r} is neither a heading between -360 and 360 nor one of the letters.\n"
+                continue
+            elif not (message := self._take(at, heading_deg)):
+                walk.take()
+            nonsense = 0
+        if not walk.taken:
+            raise TurntableError("every known angle was skipped: there is no heading to judge")
+
+    def _ask(self, message: str) -> str:
+        """Ask for the pose of the walk, or at its end, with a message before the question."""
+        walk, at = self.walk, self.walk.at
+        live = self._glance if self._reader.may_glance and self._table.may_look else None
+        no_wishes = {*([Wish.SKIP] if at is None else []), *([] if _KEEPS in message else [Wish.KEEP])}
+        wishes = [wish.value for wish in Wish if wish not in no_wishes]
+        if at is None:
+            return self._table.ask(Question(message + _ask_at_end(walk), live, wishes=wishes))
+        pose = self._poses[at]
+        return self._table.ask(
+            Question(
+                message + question_of(at, pose, is_taken=at in walk.offered),
+                live,
+                pose=pose,
+                asked_deg=wrap_180(pose.heading_deg - self._last_pose.heading_deg) if walk.taken else None,
+                wishes=wishes,
+                takes_heading=True,
+            )
+        )
+
+    def _take(self, at: int, heading_deg: float | None) -> str:
         """Capture a pose, or keep the doubted reading; return the reason to ask again."""
         if heading_deg is None:
             if self._doubted is None or self._doubted[0] != at:
                 return "no reading of this pose was doubted: there is none to keep.\n"
-            place, self.trusts = self._doubted[1], True
+            place, self._trusts = self._doubted[1], True
         else:
             reading, motion = self._reader.read_when_still(self._poses[at])
             if reading is None:
                 return f"the board does not stand still: {motion}.\n"
             place = self._table.achieved(self._poses[at], heading_deg), reading
-        if not self.trusts and self.walk.taken and (fault := self._turn_fault(self.walk.taken[-1], place)):
+        if not self._trusts and self.walk.taken and (fault := self._turn_fault(self.walk.taken[-1], place)):
             self._doubted, self._doubts = (at, place), self._doubts + 1
             if self._doubts == QUESTIONS:
                 raise OperatorAbsentError(f"{QUESTIONS} times in a row {fault}: is an operator there?")
@@ -339,7 +341,7 @@ class _HandReadings(Generic[Taken]):
     def _is_unturned(self, last: tuple[Achieved, Taken], place: tuple[Achieved, Taken]) -> bool:
         """Return whether two readings are equal although the scale says that the board was turned."""
         (before, at_last), (after, reading) = last, place
-        turn = rotation_body_from_ned(_pose(after)) @ rotation_body_from_ned(_pose(before)).T
+        turn = rotation_body_from_ned(after.attitude()) @ rotation_body_from_ned(before.attitude()).T
         is_asked = turn.trace() < 1.0 + 2.0 * math.cos(math.radians(LEAST_TURN_DEG))
         is_known = self._reader.read_ut(reading) is not None
         return is_asked and is_known and not self._reader.moved_between(at_last, reading)
@@ -357,18 +359,24 @@ class _HandReadings(Generic[Taken]):
         if read[0] is not None and read[1] is not None and reader.has_known_scale and abs(turned_deg) >= LEAST_TURN_DEG:
             known_fields = reader.field_at(before), reader.field_at(after)
             shown.append(turn_fault(known_fields, (read[0], read[1]), turned_deg))
-        if reader.turn.contradicts(_pose(before), turned_deg):
-            shown.append(f"its gyroscope shows {round(reader.turn.turned_deg(_pose(before)) or 0.0):+d}")
+        if reader.turn.contradicts(before.attitude(), turned_deg):
+            shown.append(f"its gyroscope shows {round(reader.turn.turned_deg(before.attitude()) or 0.0):+d}")
         sensors = " and ".join(filter(None, shown))
         turn = f"heading {after.heading_deg:g} is a turn of {turned_deg:+.0f} deg from pose {last + 1}"
         return f"{turn}, but {sensors}" if sensors else ""
 
-    def glance(self) -> Glance:
+    @property
+    def _last_pose(self) -> Pose:
+        """The pose that was taken last."""
+        return self.readings[self.walk.taken[-1]][0].attitude()
+
+    def _glance(self) -> Glance:
         """Return the board as its sensors show it, with its turn since the last known angle."""
-        glance, walk, turn = self._reader.glance(), self.walk, self._reader.turn
+        walk, turn = self.walk, self._reader.turn
+        glance = self._reader.glance()._replace(progress=self._progress())
         if not walk.taken:
             return glance
-        before = _pose(self.readings[walk.taken[-1]][0])
+        before = self._last_pose
         turned_deg = turn.turned_deg(before)
         is_wrong = walk.at is not None and turn.contradicts(
             before, self._poses[walk.at].heading_deg - before.heading_deg
@@ -376,10 +384,12 @@ class _HandReadings(Generic[Taken]):
         stands = not glance.moves and abs(turned_deg or 0.0) >= LEAST_TURN_DEG
         return glance._replace(turned_deg=turned_deg, is_wrong_turn=is_wrong and stands)
 
-    def asked_deg(self, heading_deg: float) -> float | None:
-        """Return the turn from the last known angle to a heading; None without one."""
-        taken = self.walk.taken
-        return wrap_180(heading_deg - self.readings[taken[-1]][0].heading_deg) if taken else None
+    def _progress(self) -> str:
+        """Return the progress of the walk, with the estimated remaining time."""
+        count = len(self.walk.taken) - self._had
+        left_s = (self._reader.now_s() - self._began_s) / count * self.walk.left if count > 0 else 0.0
+        time_left = f", {left_s / 60.0:.0f} min left" if left_s >= 90.0 else f", {left_s:.0f} s left" if left_s else ""
+        return f"{len(self.walk.taken)} of {self.walk.of}{time_left}"
 
     def unset(self) -> dict[int, str]:
         """Return the poses at which the board was not set as the operator says, each with a description."""
@@ -394,17 +404,13 @@ class _HandReadings(Generic[Taken]):
         if any(field is None for field in fields):
             return unturned
         known_fields = np.array([self._reader.field_at(achieved) for achieved, _ in places])
-        gravity = np.array([rotation_body_from_ned(_pose(achieved))[:, 2] for achieved, _ in places])
+        gravity = np.array([rotation_body_from_ned(achieved.attitude())[:, 2] for achieved, _ in places])
         faults = {}
         errors_deg = setting_errors_deg(known_fields, gravity, np.array(fields), self._table.uncertainty_deg)
         for row, error_deg in errors_deg.items():
             set_deg = places[row][0].heading_deg
             faults[order[row]] = f"the scale says {set_deg:g}, the field {(set_deg + error_deg) % 360.0:.0f}"
         return faults | unturned
-
-
-def _pose(achieved: Achieved) -> Pose:
-    return Pose(achieved.heading_deg, achieved.pitch_deg, achieved.roll_deg)
 
 
 def take_by_hand(
@@ -414,8 +420,8 @@ def take_by_hand(
     stored: StoredPoses[Taken] | None,
     order: Sequence[int],
     decide: Callable[[Mapping[int, tuple[Achieved, Taken]]], str],
-) -> tuple[dict[int, tuple[Achieved, Taken]], dict[int, str], str]:
-    """Ask for each pose, wait until the board stands still, and read it; see `walk_by_hand` for errors.
+) -> TakenAngles[Taken]:
+    """Ask for each pose, wait until the board stands still, and read it; see `_HandReadings.ask_for_all` for errors.
 
     Parameters
     ----------
@@ -423,30 +429,15 @@ def take_by_hand(
         Poses that an earlier run captured; None if no journal is kept.
     order, decide
         As for `hiltest.procedures.known_angles.take_known_angles`.
-
-    Returns
-    -------
-    tuple
-        The fields of `hiltest.procedures.known_angles.TakenAngles`.
     """
     hand = _HandReadings(reader, table, poses, stored, order, decide)
-    walk_by_hand(
-        table,
-        poses,
-        hand.walk,
-        take=hand.take,
-        check=lambda: {} if hand.trusts else hand.unset(),
-        look=hand.glance if reader.may_glance and table.may_look else None,
-        asked_deg=hand.asked_deg,
-        now_s=reader.now_s,
-        say=BEGINS_ANEW if not reader.can_go_on else stored.message if stored is not None else "",
-        stopped="the same command goes on" if reader.can_go_on else "the same command begins anew",
-    )
-    return (
-        dict(sorted(hand.readings.items())),
-        {index + 1: fault for index, fault in hand.unset().items()},
-        hand.walk.decision,
-    )
+    say = "" if stored is None else stored.message
+    if reader.can_go_on:
+        hand.ask_for_all(say, "the same command goes on")
+    else:
+        hand.ask_for_all(BEGINS_ANEW, "the same command begins anew")
+    unset = {index + 1: fault for index, fault in hand.unset().items()}
+    return TakenAngles(dict(sorted(hand.readings.items())), unset, hand.walk.decision)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -488,25 +479,6 @@ def moved(before: Readings, after: Readings, noise_ut: float) -> str:
         if field_ut > of_means * noise_ut:
             return f"the field changed by {field_ut:.1f} uT"
     return ""
-
-
-class _Pace:
-    """Progress of a walk, and the estimated remaining time."""
-
-    def __init__(self, walk: PoseWalk, now_s: Callable[[], float]) -> None:
-        self._walk, self._now_s = walk, now_s
-        self._began_s, self._had = now_s(), len(walk.taken)
-
-    def __call__(self) -> str:
-        """Return a short text."""
-        return f"{len(self._walk.taken)} of {self._walk.of}{self._time_left()}"
-
-    def _time_left(self) -> str:
-        count = len(self._walk.taken) - self._had
-        if count <= 0 or not self._walk.left:
-            return ""
-        left_s = (self._now_s() - self._began_s) / count * self._walk.left
-        return f", {left_s / 60.0:.0f} min left" if left_s >= 90.0 else f", {left_s:.0f} s left"
 
 
 def place_of(pose: Pose) -> str:

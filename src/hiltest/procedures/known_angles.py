@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Generic
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_360
-from hiltest.procedures.hand_poses import PoseReader, StoredPoses, Taken, missing_in_words, take_by_hand
+from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned
+from hiltest.procedures.hand_poses import PoseReader, StoredPoses, Taken, TakenAngles, missing_in_words, take_by_hand
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.turntables import Achieved, OperatorTurntable, Turntable
@@ -75,18 +74,6 @@ class KnownAngles:
         return summarise(self._errors_deg(source)[level], self.reference_deg[level]).max_deg if level.any() else None
 
 
-@dataclass(frozen=True, slots=True)
-class TakenAngles(Generic[Taken]):
-    """Readings at known angles."""
-
-    readings: Mapping[int, tuple[Achieved, Taken]]
-    """Results by the index of the pose, in order, without those that an operator skipped."""
-    unset: Mapping[int, str] = field(default_factory=dict)
-    """Poses, by their number from 1, at which the board was not set as the operator says, each with a description."""
-    decision: str = ""
-    """Reason why the other poses were not measured; empty if all were requested."""
-
-
 def take_known_angles(
     reader: PoseReader[Taken],
     turntable: Turntable,
@@ -115,7 +102,7 @@ def take_known_angles(
         Returns why no pose beside those measured is needed; empty to go on.
     """
     if isinstance(turntable, OperatorTurntable):
-        return TakenAngles(*take_by_hand(reader, turntable, poses, stored, order, decide))
+        return take_by_hand(reader, turntable, poses, stored, order, decide)
     tell, decision = progress or silent, ""
     readings: dict[int, tuple[Achieved, Taken]] = {}
     for index in order or range(len(poses)):
@@ -126,8 +113,3 @@ def take_known_angles(
             break
     tell("known angles", len(poses), len(poses))
     return TakenAngles(dict(sorted(readings.items())), decision=decision)
-
-
-def attitude_of(achieved: Achieved, mounting_yaw_deg: float) -> Pose:
-    """Return the attitude of the board on a table that has reached a pose."""
-    return Pose(wrap_360(achieved.heading_deg + mounting_yaw_deg), achieved.pitch_deg, achieved.roll_deg)

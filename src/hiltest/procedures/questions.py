@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from hiltest.orientation.angles import Pose
 
@@ -27,11 +27,17 @@ class Glance(NamedTuple):
     is_wrong_turn: bool = False
     """True if the board stands after another turn than the requested one."""
 
+    progress: str = ""
+    """Progress of the known angles; empty for other questions."""
+
     def __str__(self) -> str:
         """Return the text beside the question."""
+        motion = "moving" if self.moves else "still"
+        if not self.progress:
+            return motion
         heading = "no heading" if self.heading_deg is None else f"board {self.heading_deg:.1f} deg"
         turned = "" if self.turned_deg is None else f", turned {round(self.turned_deg):+d}"
-        return f"{heading}{turned}, {'moving' if self.moves else 'still'}"
+        return f"{heading}{turned}, {motion}; {self.progress}"
 
 
 def attitude_by(gravity: Iterable[float], heading_deg: float | None) -> Pose:
@@ -45,60 +51,27 @@ def attitude_by(gravity: Iterable[float], heading_deg: float | None) -> Pose:
     return Pose(heading_deg or 0.0, math.degrees(math.atan2(-x, across)), roll_deg)
 
 
-class Live(str):
-    """The text beside a question at one moment, with the glance that it describes."""
-
-    glance: Glance
-
-    def __new__(cls, text: str, glance: Glance) -> Live:
-        """Create a text with its glance."""
-        live = super().__new__(cls, text)
-        live.glance = glance
-        return live
-
-
 class Question(str):
-    """A question, with a live text beside it until the answer.
+    """A question, with the board as it is beside it until the answer."""
 
-    Attributes
-    ----------
-    live : callable or None
-        Returns the live text; it may query the board, and is not called without a terminal or page. None if the board
-        may not be asked.
-    pose : Pose or None
-        Requested attitude of the board; None if no single one is.
-    asked_deg : float or None
-        Turn about the vertical from the last known angle to the requested one, the short way round.
-    wishes : sequence of str
-        Answers beside Enter, in words.
-    takes_heading : bool
-        True if the answer may be a heading.
-    """
+    live: Callable[[], object] | None = None
+    """Returns the text beside it, or a `Glance`; it may query the board, and is not called without a terminal or page.
+    None if the board may not be asked."""
+    pose: Pose | None = None
+    """Requested attitude of the board; None if no single one is."""
+    asked_deg: float | None = None
+    """Turn about the vertical from the last known angle to the requested one, the short way round."""
+    wishes: Sequence[str] = ()
+    """Answers beside Enter, in words."""
+    takes_heading: bool = False
+    """True if the answer may be a heading."""
 
-    def __new__(
-        cls,
-        text: str,
-        live: Callable[[], str] | None = None,
-        *,
-        pose: Pose | None = None,
-        asked_deg: float | None = None,
-        wishes: Sequence[str] = (),
-        takes_heading: bool = False,
-    ) -> Question:
+    def __new__(cls, text: str, live: Callable[[], object] | None = None, **attributes: Any) -> Question:
         """Create a text with the attributes."""
         question = super().__new__(cls, text)
-        question.live, question.pose, question.asked_deg = live, pose, asked_deg
-        question.wishes, question.takes_heading = wishes, takes_heading
+        vars(question).update(attributes, live=live)
         return question
 
     def after(self, remark: str) -> Question:
         """Return the question with a text before it."""
-        question = Question(remark + self)
-        vars(question).update(vars(self))
-        return question
-
-    live: Callable[[], str] | None
-    pose: Pose | None
-    asked_deg: float | None
-    wishes: Sequence[str]
-    takes_heading: bool
+        return Question(remark + self, **vars(self))

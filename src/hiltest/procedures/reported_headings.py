@@ -19,15 +19,13 @@ from hiltest.orientation.angles import (
     Pose,
     circular_mean_deg,
     heading_error_deg,
-    rotation_body_from_ned,
     wrap_180,
 )
 from hiltest.procedures.conventions import other_frame, other_tilt, standing_still
 from hiltest.procedures.coverage import sphere_coverage
-from hiltest.procedures.followed_turn import FollowedTurn
-from hiltest.procedures.hand_poses import STILL_WITHIN_S, Readings, moved
+from hiltest.procedures.hand_poses import STILL_WITHIN_S, PoseReader, Readings, moved
 from hiltest.procedures.heading_statistics import HeadingSummary, summarise
-from hiltest.procedures.known_angles import KnownAngles, Reals, attitude_of, take_known_angles
+from hiltest.procedures.known_angles import KnownAngles, Reals, take_known_angles
 from hiltest.procedures.progress import Progress, silent
 from hiltest.procedures.questions import Glance, attitude_by
 from hiltest.procedures.reported_samples import (
@@ -38,7 +36,7 @@ from hiltest.procedures.reported_samples import (
     merge_faults,
 )
 from hiltest.procedures.settling import COUNTS_PER_G, Settled, wait_until_settled
-from hiltest.procedures.turntables import Achieved, Turntable
+from hiltest.procedures.turntables import Turntable
 from hiltest.rig import COUNTS_PER_UT, Rig
 from hiltest.text import format_count
 
@@ -294,7 +292,7 @@ def is_calibrated(observations: Sequence[Observation]) -> bool:
     return any(float(value[0]) != 0.0 for value in values_of(observations, Quantity.CALIBRATED))
 
 
-class ReportReader:
+class ReportReader(PoseReader[Settled]):
     """Reads a board that reports its heading by itself, at known angles.
 
     Parameters
@@ -306,20 +304,11 @@ class ReportReader:
     can_go_on = has_known_scale = False
 
     def __init__(self, board: Board, longest_s: float | None = None) -> None:
-        self._board, self._output, self._longest_s = board, board.output, longest_s
-        self._yaw_deg = _mounting_yaw_deg(board.output.rig)
+        super().__init__(board, _mounting_yaw_deg(board.output.rig))
+        self._output, self._longest_s = board.output, longest_s
         self._frame = frame_of(board.output.rig)
         self._before: Sequence[Observation] = ()
         self.may_glance = board.output.may_be_overheard
-        self.turn = FollowedTurn()
-
-    def now_s(self) -> float:
-        """Return the time of the board's clock [s]."""
-        return self._board.now_s()
-
-    def field_at(self, achieved: Achieved) -> Reals:
-        """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
-        return rotation_body_from_ned(attitude_of(achieved, self._yaw_deg)) @ self._board.declared.field_ned_ut
 
     def read_ut(self, reading: Settled) -> Reals | None:
         """Return the mean of the reported raw magnetometer, shape (3,) [uT]; None if the firmware has none."""
@@ -340,7 +329,7 @@ class ReportReader:
         Field and gravity show whether it stands, if the firmware reports them. The heading cannot, because it is under
         test: if it drifts in a filter or never settles, that is a finding.
         """
-        window_s, ends_s = self._output.device.window_s, self.now_s() + STILL_WITHIN_S
+        window_s, ends_s = self._output.device.window_s, self._board.now_s() + STILL_WITHIN_S
         before = self._output.observe(window_s)
         self.turn.add(*self._rates(before))
         while True:
@@ -354,7 +343,7 @@ class ReportReader:
                     self.turn.stand(*self._rates(settled.window))
                     return settled, ""
                 after = list(settled.window)
-            if self.now_s() > ends_s:
+            if self._board.now_s() > ends_s:
                 return None, motion
             before = after
 
@@ -441,7 +430,7 @@ def measure_reported_angles(
     readings = taken.readings
     held: list[HeldPose] = []
     for achieved, settled in readings.values():
-        attitude = attitude_of(achieved, yaw_deg)
+        attitude = achieved.attitude(yaw_deg)
         held.append(
             HeldPose(
                 attitude,

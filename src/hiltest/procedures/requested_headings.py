@@ -25,14 +25,22 @@ from hiltest.link.replies import (
     SlotHeading,
 )
 from hiltest.orientation import DegenerateFieldError, tilt_heading
-from hiltest.orientation.angles import Pose, heading_error_deg, rotation_body_from_ned, wrap_180
+from hiltest.orientation.angles import Pose, heading_error_deg, wrap_180
 from hiltest.orientation.heading_models import Poses, Stage, fit_causes
 from hiltest.procedures.calibrate import UNCALIBRATED
 from hiltest.procedures.fewest_poses import FewestPoses
-from hiltest.procedures.followed_turn import FollowedTurn
-from hiltest.procedures.hand_poses import STILL_WITHIN_S, PoseJournal, Readings, StoredPoses, moved, place_of
+from hiltest.procedures.hand_poses import (
+    STILL_WITHIN_S,
+    PoseJournal,
+    PoseReader,
+    Readings,
+    StoredPoses,
+    TakenAngles,
+    moved,
+    place_of,
+)
 from hiltest.procedures.heading_statistics import rms
-from hiltest.procedures.known_angles import KnownAngles, Reals, TakenAngles, attitude_of, take_known_angles
+from hiltest.procedures.known_angles import KnownAngles, Reals, take_known_angles
 from hiltest.procedures.progress import Progress
 from hiltest.procedures.questions import Glance, attitude_by
 from hiltest.procedures.turntables import Achieved, Turntable
@@ -82,7 +90,7 @@ class RequestedAngles(KnownAngles):
         return float(np.abs(self.tilt_error_deg[name]).max())
 
 
-class RequestReader:
+class RequestReader(PoseReader[AverageReply]):
     """Reads a board that answers requests, at known angles.
 
     Parameters
@@ -98,21 +106,13 @@ class RequestReader:
     can_go_on = may_glance = has_known_scale = True
 
     def __init__(self, board: Board, slots: Mapping[str, int], readings: int, mounting_yaw_deg: float) -> None:
-        self._board, self._slots, self._readings, self._yaw_deg = board, slots, readings, mounting_yaw_deg
+        super().__init__(board, mounting_yaw_deg)
+        self._slots, self._readings = slots, readings
         self._mask = sum(1 << slot for slot in slots.values())
         calibrated = (slot for name, slot in slots.items() if name != UNCALIBRATED)
         self._shown = next(calibrated, next(iter(slots.values()), None))
         self._before: AverageReply | None = None
-        self.turn = FollowedTurn()
         self._follows = True
-
-    def now_s(self) -> float:
-        """Return the time of the board's clock [s]."""
-        return self._board.now_s()
-
-    def field_at(self, achieved: Achieved) -> Reals:
-        """Return the rig's field along the board's axes on a table that has reached a pose, shape (3,) [uT]."""
-        return rotation_body_from_ned(attitude_of(achieved, self._yaw_deg)) @ self._board.declared.field_ned_ut
 
     def read_ut(self, reading: AverageReply) -> Reals:
         """Return the mean of the raw magnetometer, shape (3,) [uT]."""
@@ -261,7 +261,7 @@ def measure_known_angles(
             name: {
                 index: heading_error_deg(
                     _attitude(answer.headings[slot], name, poses[index]).heading_deg,
-                    attitude_of(achieved, mounting_yaw_deg).heading_deg,
+                    achieved.attitude(mounting_yaw_deg).heading_deg,
                 )
                 for index, (achieved, answer) in readings.items()
             }
@@ -418,7 +418,7 @@ def _requested_angles(
     }
     return RequestedAngles(
         poses=tuple(poses),
-        attitudes=tuple(attitude_of(place, mounting_yaw_deg) for place in achieved),
+        attitudes=tuple(place.attitude(mounting_yaw_deg) for place in achieved),
         heading_deg={name: np.array([tilt.heading_deg for tilt in tilts]) for name, tilts in attitudes.items()},
         skipped=tuple(pose for index, pose in enumerate(asked) if index not in by_index),
         unset=taken.unset,

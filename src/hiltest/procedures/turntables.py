@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hiltest.boards.board import Board, Stage
+from hiltest.boards.board import Stage
 from hiltest.calibration.still_pose import FACES, Face
 from hiltest.errors import OperatorAbsentError
 from hiltest.link.gyroscope import Axis
-from hiltest.orientation.angles import Pose
-from hiltest.procedures.questions import Glance, Live, Question
+from hiltest.orientation.angles import Pose, wrap_360
+from hiltest.procedures.questions import Glance, Question
 
 LEVEL = Pose(0.0, 0.0, 0.0)
 #: Table poses in which a body axis is straight down: nose down, right side down, level.
@@ -60,6 +60,10 @@ class Achieved:
     pitch_deg: float
     roll_deg: float
     uncertainty_deg: float
+
+    def attitude(self, mounting_yaw_deg: float = 0.0) -> Pose:
+        """Return the attitude of the board, which is turned on the table by its mounting."""
+        return Pose(wrap_360(self.heading_deg + mounting_yaw_deg), self.pitch_deg, self.roll_deg)
 
 
 class Turntable(Protocol):
@@ -334,56 +338,12 @@ class OperatorTurntable:
             When nobody answers.
         """
         if not isinstance(question, Question):
-            question = Question(question, self._look and self._live, pose=pose)
+            question = Question(question, self._look, pose=pose)
         question, self._remark = question.after(self._remark), ""
         try:
             return self._prompt(question)
         except EOFError:
             raise OperatorAbsentError.asked(question) from None
-
-    def _live(self) -> Live:
-        assert self._look is not None
-        glance = self._look()
-        return Live("moving" if glance.moves else "still", glance)
-
-
-def open_turntable(
-    board: Board,
-    *,
-    uncertainty_deg: float,
-    prompt: Callable[[str], str] | None = None,
-    tumble_s: float = HAND_TUMBLE_S,
-    **shown: Any,
-) -> Turntable:
-    """Return the turntable of a board: simulated for a virtual one, an operator otherwise.
-
-    Parameters
-    ----------
-    uncertainty_deg
-        Declared uncertainty of its angle.
-    prompt
-        See `OperatorTurntable`.
-    tumble_s
-        Duration of an operator's tumble.
-    shown
-        Further arguments of `OperatorTurntable`.
-
-    Raises
-    ------
-    OperatorAbsentError
-        When the board needs an operator and nobody can be asked.
-    """
-    if board.stage is not None:
-        return SimulatedTurntable(board.stage, uncertainty_deg=uncertainty_deg)
-    if prompt is None:
-        raise OperatorAbsentError("a real board needs an operator to turn it, and there is no one to ask")
-    return OperatorTurntable(
-        prompt=prompt,
-        uncertainty_deg=uncertainty_deg,
-        tumble_s=tumble_s,
-        shows_coverage=board.answers_requests,
-        **shown,
-    )
 
 
 def heading_of(answer: str, asked_deg: float) -> float | None:

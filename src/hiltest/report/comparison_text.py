@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from rich.console import Console
@@ -47,7 +47,8 @@ def print_smallest_changes(console: Console, heading: str, detectable: Mapping[s
     """Print the smallest changes in degrees that a comparison detects, for measurements with a limit, if any."""
     if detectable:
         say(console, f"{heading}, where there is a limit [deg]")
-        _entries(console, [", ".join(f"{name} {format_number(change, 2)}" for name, change in detectable.items())])
+        changes = ", ".join(f"{name} {format_number(change, 2)}" for name, change in detectable.items())
+        print_wrapped(console, changes, indent="  ")
 
 
 def print_changes(console: Console, comparison: Comparison, *, sentence: str, at_most: int | None = None) -> None:
@@ -57,16 +58,13 @@ def print_changes(console: Console, comparison: Comparison, *, sentence: str, at
     if not all(obstacle.rstrip(".") in sentence for obstacle in comparison.obstacles):
         count = len(comparison.obstacles)
         say(console, f"{count} reason{'s' * (count != 1)} why it is not evaluated", "bold red")
-        _entries(console, comparison.obstacles)
+        for obstacle in comparison.obstacles:
+            print_wrapped(console, obstacle, indent="  ")
     for change, differences in shown(comparison):
         say(console, f"{change} ({len(differences)})", _STYLES.get(change, "bold"))
-        _entries(
-            console,
-            (
-                ", ".join(filter(None, (entry(difference), seen_from(difference))))
-                for difference in differences[:at_most]
-            ),
-        )
+        for difference in differences[:at_most]:
+            words = ", ".join(filter(None, (entry(difference), seen_from(difference))))
+            print_wrapped(console, words, indent="  ")
         if more := len(differences) - len(differences[:at_most]):
             say(console, f"  and {more} more")
     if remark := counted_by(models_shown(comparison)):
@@ -88,23 +86,22 @@ def say(console: Console, text: str, style: str = "") -> None:
     console.print(Text(printable(text), style=style), soft_wrap=True)
 
 
+def print_wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:
+    """Print a text wrapped at the terminal's width, with unbroken numbers and names."""
+    for line in textwrap.wrap(
+        _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(text)),
+        console.width,
+        initial_indent=indent,
+        subsequent_indent=indent and f"{indent}  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    ):
+        console.print(Text(line.replace(_NO_BREAK, " "), style=style), soft_wrap=True)
+
+
 def printable(text: str) -> str:
     """Return a text with every control character escaped; names from a file may contain some."""
     return "".join(character if character.isprintable() else ascii(character)[1:-1] for character in text)
-
-
-def _entries(console: Console, entries: Iterable[str]) -> None:
-    for entry_text in entries:
-        lines = textwrap.wrap(
-            _WITHIN_A_NUMBER.sub(_NO_BREAK, printable(entry_text)),
-            console.width,
-            initial_indent="  ",
-            subsequent_indent="      ",
-            break_on_hyphens=False,
-            break_long_words=False,
-        )
-        for line in lines:
-            console.print(Text(line.replace(_NO_BREAK, " ")), soft_wrap=True)
 
 
 def _description(side: Side) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import textwrap
 from collections.abc import Mapping, Sequence
 from io import StringIO
 from pathlib import Path
@@ -15,7 +13,7 @@ from rich.table import Table as Grid
 
 from hiltest.errors import LIKELY_CAUSE
 from hiltest.measurement import Measurement, Outcome
-from hiltest.report.comparison_text import print_changes, print_smallest_changes, printable, say_how_to_keep
+from hiltest.report.comparison_text import print_changes, print_smallest_changes, print_wrapped, say_how_to_keep
 from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.failures import group_by_reason, tests_named
 from hiltest.run_record.files import REPORT_FILE
@@ -47,8 +45,6 @@ _FOLDED = {
 }
 INCOMPLETE = "This run is not complete: it was cut short, or tests were left out. Missing measurements were not taken."
 CHANGE_SEEN = "smallest change that a comparison of such a run detects in 4 of 5 cases"
-_WITHIN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}\b)")
-_NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 def summary(run: Run, folder: Path, *, verbose: bool, width: int, colour: bool, options: str | None = None) -> str:
@@ -151,27 +147,13 @@ def shown_outcome(measurement: Measurement) -> str:
     return f"{measurement.outcome}; {MAY_EXCEED}" if measurement.may_exceed_limit else str(measurement.outcome)
 
 
-def _print_wrapped(console: Console, text: str, style: str = "", indent: str = "") -> None:
-    """Print a text wrapped at the terminal's width, with unbroken numbers and names."""
-    whole = _WITHIN_NUMBER.sub(_NO_BREAK, printable(text))
-    for line in textwrap.wrap(
-        whole,
-        console.width,
-        initial_indent=indent,
-        subsequent_indent=indent and f"{indent}  ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    ):
-        console.print(escape(line.replace(_NO_BREAK, " ")), style=style, soft_wrap=True)
-
-
 def _print_headline(console: Console, run: Run, summary_of_run: Summary) -> None:
     lines = headline(run, summary_of_run).lines
     if run.verdict.exit_code not in (ExitCode.FAILED, ExitCode.REGRESSION):
         lines = [run.verdict.sentence, *lines[2:]]
-    _print_wrapped(console, lines[0], "bold red" if run.verdict.exit_code else "bold green")
+    print_wrapped(console, lines[0], "bold red" if run.verdict.exit_code else "bold green")
     for line in lines[1:]:
-        _print_wrapped(console, line, indent=_INDENT)
+        print_wrapped(console, line, indent=_INDENT)
 
 
 def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder: Path, *, verbose: bool) -> None:
@@ -193,24 +175,24 @@ def _print_failures(console: Console, summary_of_run: Summary, run: Run, folder:
     for lines, style in ((failures, "red"), (tests, "red"), (unset, "yellow")):
         most = len(lines) if verbose else _FAILURES_AT_MOST
         for line in lines[:most]:
-            _print_wrapped(console, line, style, _INDENT)
+            print_wrapped(console, line, style, _INDENT)
         if more := len(lines[most:]):
-            _print_wrapped(console, f"and {more} more in the report", style, _INDENT)
+            print_wrapped(console, f"and {more} more in the report", style, _INDENT)
     if summary_of_run.unmeasured:
-        _print_wrapped(console, unmeasured_in_words(summary_of_run.unmeasured), "yellow", _INDENT)
+        print_wrapped(console, unmeasured_in_words(summary_of_run.unmeasured), "yellow", _INDENT)
     for reason, tests_of_bench in group_by_reason(test for test in run.tests if test.outcome.is_of_bench).items():
         why = "" if reason in run.verdict.sentence else f": {reason}"  # the sentence contains the first reason
         line = f"{tests_of_bench[0].outcome}: {tests_named(tests_of_bench)}{why}"
-        _print_wrapped(console, line, "red", _INDENT)
+        print_wrapped(console, line, "red", _INDENT)
     if traces := {test.trace: test for test in run.tests if test.trace}:
         (trace, test), *more_traces = traces.items()
         tests_traced = format_count(len(traces), "test") if more_traces else short_test_id(test.id)
         file = shown_path((folder / trace).parent if more_traces else folder / trace)
-        _print_wrapped(console, f"wire trace of {tests_traced}: {file}", indent=_INDENT)
+        print_wrapped(console, f"wire trace of {tests_traced}: {file}", indent=_INDENT)
     if run.verdict.exit_code and is_incomplete(run):
-        _print_wrapped(console, INCOMPLETE, "yellow", _INDENT)
+        print_wrapped(console, INCOMPLETE, "yellow", _INDENT)
     for advice in summary_of_run.advice[1:] if verbose else ():
-        _print_wrapped(console, f"Then: {advice}", indent=_INDENT)
+        print_wrapped(console, f"Then: {advice}", indent=_INDENT)
 
 
 def _grid() -> Grid:
@@ -243,9 +225,9 @@ def _print_calibrators(console: Console, summary_of_run: Summary, expected: str)
     console.print(grid)
     worse = [result.name for result in results if is_worse_than_none(result.maximum, as_read)]
     if worse:
-        _print_wrapped(console, f"{', '.join(worse)}: {WORSE_THAN_NONE}.", "red")
+        print_wrapped(console, f"{', '.join(worse)}: {WORSE_THAN_NONE}.", "red")
     if expected:
-        _print_wrapped(console, expected)
+        print_wrapped(console, expected)
 
 
 def _width(heading: str, cells: Sequence[str]) -> int:
@@ -286,7 +268,7 @@ def _print_close(console: Console, summary_of_run: Summary) -> None:
         band = f" ({measurement.band})" if measurement.band else ""
         value = format_with_unit(measurement.value, measurement.unit)
         line = f"{measurement.name} {value}{band}, {limit_in_words(measurement)}"
-        _print_wrapped(console, line, "yellow", _INDENT)
+        print_wrapped(console, line, "yellow", _INDENT)
 
 
 def _print_everything(console: Console, run: Run) -> None:
@@ -304,10 +286,10 @@ def _print_everything(console: Console, run: Run) -> None:
     )
     for measurement in run.measurements:
         if measurement.note and not _note_explains_outcome(measurement):
-            _print_wrapped(console, f"{measurement.name} {shown_value(measurement)}: {measurement.note}")
+            print_wrapped(console, f"{measurement.name} {shown_value(measurement)}: {measurement.note}")
     _print_ranges(console, run.measurements)
     if line := cost_line(run):
-        _print_wrapped(console, line)
+        print_wrapped(console, line)
 
 
 def _note_explains_outcome(measurement: Measurement) -> bool:
@@ -342,7 +324,7 @@ def _print_ranges(console: Console, measurements: Sequence[Measurement]) -> None
     ranged = [(measurement, measurement.band) for measurement in measurements if measurement.band]
     for model in dict.fromkeys(measurement.cycle_model for measurement, _ in ranged):
         console.print()
-        _print_wrapped(console, f"Cycle-count uncertainty (model {model}; hiltest timing show has its rows):")
+        print_wrapped(console, f"Cycle-count uncertainty (model {model}; hiltest timing show has its rows):")
         grid = _grid()
         grid.add_column("measurement", overflow="fold")
         for name in ("cycles", "lowest", "highest"):

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
-from hiltest.rig.toml_tables import STRICT, check_span
+from hiltest.rig.toml_tables import StrictTable, check_span
 
 
 @dataclass(frozen=True, slots=True)
-class SensorFault:
+class SensorFault(StrictTable):
     """A fault of one part from `after_s` on, for `for_s` or for good."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     part: str
     """Name of the part in ``world.fitted`` or ``[[sensors.parts]]``."""
     fault: Literal["absent", "other part", "frozen", "saturated"]
@@ -31,10 +30,9 @@ class SensorFault:
 
 
 @dataclass(frozen=True, slots=True)
-class HeldLine:
+class HeldLine(StrictTable):
     """SCL or SDA of an I2C bus, 0 or 1, is pulled low from `after_s` on, for `for_s` or for good."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     bus: Literal[0, 1]
     line: Literal["scl", "sda"]
     after_s: float = 0.0
@@ -49,10 +47,9 @@ class HeldLine:
 
 
 @dataclass(frozen=True, slots=True)
-class BoardReset:
+class BoardReset(StrictTable):
     """The board is reset at `after_s`: by its button, or by its supply, which the sensors lose too."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     by: Literal["button", "brown-out"]
     after_s: float
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
-from hiltest.rig.toml_tables import STRICT, require
+from hiltest.rig.toml_tables import StrictTable, require
 
 
 @dataclass(frozen=True, slots=True)
-class CountedFunctions:
+class CountedFunctions(StrictTable):
     """Functions that are counted under one name; in the file a single one may be a string."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     functions: tuple[str, ...]
     """Symbols of the firmware. Several functions are called in turn, once for each slice of a solution."""
     ends: str | None = None

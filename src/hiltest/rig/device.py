@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 from hiltest.rig.memory_device import MemoryDevice
 from hiltest.rig.text_device import TextDevice
-from hiltest.rig.toml_tables import STRICT, require
+from hiltest.rig.toml_tables import StrictTable, require
 
 #: Conventions of the firmware's axes and heading: see docs/compass.md.
 FrameName = Literal["ned", "enu", "android", "windows"]
 
 
 @dataclass(frozen=True, slots=True)
-class FsflkDevice:
+class FsflkDevice(StrictTable):
     """Packets of NXP's sensor fusion."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     release: Literal["4.22", "5.00", "7"] = "7"
     """Release of the packets."""
     algorithm: str = ""
@@ -25,10 +24,9 @@ class FsflkDevice:
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class Device(StrictTable):
     """Interface to the firmware under test, and its waiting times."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: str | tuple[str, ...]
     """One kind, or several kinds that each give some quantities: ``hiltest``, ``fsflk``, ``text``, ``memory``, or the
     name of a user's entry point."""

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
-from hiltest.rig.toml_tables import STRICT, Triple, require
+from hiltest.rig.toml_tables import StrictTable, Triple, require
 
 if TYPE_CHECKING:
     from hiltest.world.disturbances import Cable, Current, Passing
@@ -29,10 +29,9 @@ Place = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class CurrentTable:
+class CurrentTable(StrictTable):
     """A current on the board, such as a motor's: see `hiltest.world.disturbances.Current`."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     field_ut_per_a: Triple
     waveform: tuple[Row, ...]
     repeat_s: float | None = None
@@ -69,10 +68,9 @@ class CurrentTable:
 
 
 @dataclass(frozen=True, slots=True)
-class CableTable:
+class CableTable(StrictTable):
     """A long straight cable that is moved: see `hiltest.world.disturbances.Cable`."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     current_a: float
     direction: Triple
     places: tuple[Place, ...]
@@ -120,10 +118,9 @@ class CableTable:
 
 
 @dataclass(frozen=True, slots=True)
-class PassingTable:
+class PassingTable(StrictTable):
     """A magnet that passes, such as a car: see `hiltest.world.disturbances.Passing`."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     moment_am2: Triple
     place_m: Triple
     velocity_mps: Triple

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
 from hiltest.rig.board_faults import BoardReset, HeldLine, SensorFault
-from hiltest.rig.toml_tables import STRICT, check_span, require
+from hiltest.rig.toml_tables import StrictTable, check_span, require
 
 _MOST_LATE_S = 1e6
 _WAYS = {"both": "both ways", "to-board": "on the way to the board", "to-host": "on the way from the board"}
 
 
 @dataclass(frozen=True, slots=True)
-class Late:
+class Late(StrictTable):
     """A delay of each byte by `by_s` with a probability; later bytes wait for it, because no byte overtakes another."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     probability: float
     by_s: float
 
@@ -27,10 +26,9 @@ class Late:
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class Span(StrictTable):
     """An interval of `for_s` that begins `after_s` after the port is opened."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     after_s: float
     for_s: float
 
@@ -43,10 +41,9 @@ class Span:
 
 
 @dataclass(frozen=True, slots=True)
-class Absence:
+class Absence(StrictTable):
     """Disappearance of the device `after_s` after the port is opened, until `back_after_s`, or for good."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     after_s: float
     back_after_s: float | None = None
 
@@ -64,10 +61,9 @@ class Absence:
 
 
 @dataclass(frozen=True, slots=True)
-class OtherBaud:
+class OtherBaud(StrictTable):
     """Change of the board's line speed `after_s` after the port is opened."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     after_s: float
     to: int
 
@@ -77,13 +73,12 @@ class OtherBaud:
 
 
 @dataclass(frozen=True, slots=True)
-class Faults:
+class Faults(StrictTable):
     """Faults of the line between host and board, and of a virtual board.
 
     All times are by the board's clock, since the opening of the port.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     seed: int = 1
     """Seed that, with the index of a byte on the line, determines its faults."""
     direction: Literal["both", "to-board", "to-host"] = "both"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
 
-from hiltest.rig.toml_tables import STRICT, require
+from hiltest.rig.toml_tables import StrictTable, require
 
 _SERVER = re.compile(r"(?P<host>[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):(?P<port>[0-9]{1,5})")
 
@@ -17,10 +16,9 @@ def _as_tuple(path: str | tuple[str, ...]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class MemoryValue:
+class MemoryValue(StrictTable):
     """The variables of a quantity."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     path: str | tuple[str, ...]
     """One path to all numbers, ``sfg.MagCal.fV``, or one path to each."""
     unit: str | None = None
@@ -41,10 +39,9 @@ class MemoryValue:
 
 
 @dataclass(frozen=True, slots=True)
-class KeptSamples:
+class KeptSamples(StrictTable):
     """Magnetometer samples of the firmware's self-calibration."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     path: str | tuple[str, ...]
     """One path to all samples, with consecutive x, y and z, or one path per axis."""
     used: str | None = None
@@ -57,10 +54,9 @@ class KeptSamples:
 
 
 @dataclass(frozen=True, slots=True)
-class MemoryDevice:
+class MemoryDevice(StrictTable):
     """Reading of a board's memory."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     values: dict[str, MemoryValue] = field(default_factory=dict)
     """Variables by the quantity's name."""
     server: str | None = None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
 from hiltest.measurement.units import conversion, unit_words
-from hiltest.rig.toml_tables import STRICT, require
+from hiltest.rig.toml_tables import StrictTable, require
 
 #: The sensors of a recording, and the units of their converted readings.
 UNITS = {"magnetometer": "uT", "accelerometer": "g", "gyroscope": "dps"}
@@ -16,10 +16,9 @@ _AXIS = re.compile(r"[-+]?[xyz]")
 
 
 @dataclass(frozen=True, slots=True)
-class PlayedSensor:
+class PlayedSensor(StrictTable):
     """Columns, unit and axes of a sensor's readings in a recording."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     columns: tuple[str, str, str] | None = None
     """Names of the columns, or numbers from 1; None to recognise them by their names."""
     unit: str | None = None
@@ -44,10 +43,9 @@ class PlayedSensor:
 
 
 @dataclass(frozen=True, slots=True)
-class PlaybackFile:
+class PlaybackFile(StrictTable):
     """A recording and its playback; in the file a recording without further keys may be a string."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     file: str
     """Path of a table of readings, or of a stream of NXP's packets; relative to the rig's folder."""
     start_s: float | None = None

@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from glob import glob
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from hiltest.errors import ConfigError
 from hiltest.measurement import Limit, Reference, Tolerance, identify
@@ -26,7 +26,6 @@ from hiltest.rig.faults import Faults
 from hiltest.rig.parts import PARTS, Part, fitted_parts, scaled
 from hiltest.rig.recorded_motion import PlaybackFile
 from hiltest.rig.toml_tables import (
-    STRICT,
     BoardPlace,
     Faces,
     LinkSettings,
@@ -34,6 +33,7 @@ from hiltest.rig.toml_tables import (
     Mounting,
     Procedure,
     SensorChoice,
+    StrictTable,
     Triple,
     TurntableSettings,
     require,
@@ -63,10 +63,9 @@ _KEPT_APART_OF = {
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class Rig(StrictTable):
     """A bench and the limits of its measurements."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     schema: Literal[1]
     name: str
     path: Path

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
@@ -26,7 +26,7 @@ from hiltest.rig.cycles import as_tables
 from hiltest.rig.parts import sensor_names
 from hiltest.rig.recorded_motion import as_table
 from hiltest.rig.rig import Rig, refuse_unknown_sensors
-from hiltest.rig.toml_tables import STRICT, RigValueError
+from hiltest.rig.toml_tables import RigValueError, StrictTable
 
 # Fields of a rig that a file must not set.
 _MADE_HERE = frozenset({"path", "sha256", "units", "full_only", "lines"})
@@ -35,10 +35,9 @@ _ALTERNATIVE = re.compile(r"str|tuple\[.*\]")
 
 
 @dataclass(frozen=True, slots=True)
-class LimitEntry:
+class LimitEntry(StrictTable):
     """A limit in the file; `suite` is the smallest set of tests that measures it."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     unit: str
     min: float | None = None
     max: float | None = None
@@ -46,10 +45,9 @@ class LimitEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class ToleranceEntry:
+class ToleranceEntry(StrictTable):
     """A tolerance in the file."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     unit: str
     absolute: float
     relative: float = 0.0

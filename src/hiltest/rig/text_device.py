@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from dataclasses import field as dataclass_field
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
 from hiltest.budgets import PATTERNS, BudgetError
-from hiltest.rig.toml_tables import STRICT, require
+from hiltest.rig.toml_tables import StrictTable, require
 
 #: Units whose size is defined by the scale.
 COUNTS = frozenset({"count", "counts", "lsb"})
 
 
 @dataclass(frozen=True, slots=True)
-class TextValue:
+class TextValue(StrictTable):
     """Fields and unit of a quantity's printed numbers."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     fields: str | int | tuple[str | int, ...] | None = None
     """Groups, JSON paths or columns that hold its numbers in order; None for those with the quantity's name,
     ``magnetometer`` or ``magnetometer_x``, ``magnetometer_y`` and ``magnetometer_z``."""
@@ -44,10 +43,9 @@ class TextValue:
 
 
 @dataclass(frozen=True, slots=True)
-class TextCommands:
+class TextCommands(StrictTable):
     """Commands at the moments of the procedure; characters up to U+00FF are sent as single bytes."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     start: str = ""
     before_tumble: str = ""
     after_tumble: str = ""
@@ -65,10 +63,9 @@ class TextCommands:
 
 
 @dataclass(frozen=True, slots=True)
-class TextDevice:
+class TextDevice(StrictTable):
     """Interface to firmware that prints lines."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     format: Literal["lines", "json", "csv"] = "lines"
     """``lines``: named groups of `patterns`; ``json``: one object per line; ``csv``: columns."""
     patterns: tuple[str, ...] = ()

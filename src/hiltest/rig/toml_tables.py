@@ -44,6 +44,13 @@ class RigValueError(ValueError):
         super().__init__(message)
 
 
+class StrictTable:
+    """Base of the tables, which pydantic reads by `STRICT`."""
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+
 def number_of_points(calibration: str) -> int | None:
     """Return the 100 of ``direct@100``; None for other names."""
     written = re.fullmatch(r"[a-z0-9_-]+@([1-9][0-9]*)", calibration)
@@ -77,10 +84,9 @@ def check_span(after_s: float, for_s: float | None = None) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class BoardPlace:
+class BoardPlace(StrictTable):
     """The board on the link: the virtual one, or one on a port."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["virtual", "real"]
     machine: str | None = None
     """Board that a virtual one imitates: ``frdm-k64f``, ``microbit-v1``, ``stm32f411-disco``, or a machine file ending
@@ -110,10 +116,9 @@ class BoardPlace:
 
 
 @dataclass(frozen=True, slots=True)
-class LinkSettings:
+class LinkSettings(StrictTable):
     """Settings of the link."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     baud: int = 115_200
 
     def __post_init__(self) -> None:
@@ -125,10 +130,9 @@ _STRONGEST_FIELD_UT = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class LocalField:
+class LocalField(StrictTable):
     """The earth's field at the bench: total intensity, dip (down positive), declination (east positive)."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     strength_ut: float
     dip_deg: float
     declination_deg: float = 0.0
@@ -162,10 +166,9 @@ class LocalField:
 
 
 @dataclass(frozen=True, slots=True)
-class Mounting:
+class Mounting(StrictTable):
     """Mounting of the board on the table: board heading = table heading + yaw, known to +-uncertainty (k = 2)."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     yaw_deg: float
     uncertainty_deg: float
 
@@ -175,10 +178,9 @@ class Mounting:
 
 
 @dataclass(frozen=True, slots=True)
-class Faces:
+class Faces(StrictTable):
     """Uncertainty of the six faces of the board: largest angle between a face and its axis [deg]."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     uncertainty_deg: float
 
     def __post_init__(self) -> None:
@@ -190,10 +192,9 @@ _NOISIEST_MDPS = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class SensorPart:
+class SensorPart(StrictTable):
     """A part of ``[[sensors.parts]]``, which is fitted besides those of ``world.fitted``."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     part: str
     """Name of its model: of hiltest, or of an entry point. A part of the same name in ``world.fitted`` is replaced."""
     name: str | None = None
@@ -254,10 +255,9 @@ class SensorPart:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorChoice:
+class SensorChoice(StrictTable):
     """The sensors under test, and the declared noise of the magnetometer."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     magnetometer_noise_ut: float
     """rms noise of one axis of one reading; a fit's residual is compared with it."""
     gyroscope_noise_mdps_per_rthz: float = 25.0
@@ -296,7 +296,7 @@ class SensorChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class CoveredPart:
+class CoveredPart(StrictTable):
     """Part of the sphere in which a simulated tumble keeps the field.
 
     Notes
@@ -307,7 +307,6 @@ class CoveredPart:
     with 20 degrees of pitch or roll.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     axis: Triple
     """Middle of the part, body frame, of any length: (0, 0, 1) is down, the side of the field on a level board in the
     northern hemisphere."""
@@ -320,10 +319,9 @@ class CoveredPart:
 
 
 @dataclass(frozen=True, slots=True)
-class TurntableSettings:
+class TurntableSettings(StrictTable):
     """The turntable that sets a known angle, and its uncertainty [deg]."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     kind: Literal["simulated", "operator", "grbl"]
     uncertainty_deg: float
     """Expanded uncertainty of its angle, coverage factor 2."""
@@ -365,10 +363,9 @@ class TurntableSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Procedure:
+class Procedure(StrictTable):
     """The points and poses of a run."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     headings_deg: tuple[float, ...]
     """Table headings of the known angles."""
     tilts_deg: tuple[tuple[float, float], ...]

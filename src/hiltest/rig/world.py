@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 from hiltest.rig.disturbances import CableTable, CurrentTable, PassingTable
 from hiltest.rig.parts import PARTS, Part
 from hiltest.rig.recorded_motion import PlaybackFile
-from hiltest.rig.toml_tables import STRICT, Triple, require
+from hiltest.rig.toml_tables import StrictTable, Triple, require
 
 # Smallest volume of the parallelepiped of a soft iron's rows, relative to the box with the same edges.
 _SMALLEST_VOLUME = 1e-3
@@ -26,10 +25,9 @@ def _relative_volume(rows: tuple[Triple, Triple, Triple]) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class TemperatureDrift:
+class TemperatureDrift(StrictTable):
     """Change of the parts' readings per degree above 25 degC, body frame; 0 by default."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     mag3110_gain_percent_per_degc: Triple = _NO_DRIFT
     """Typical 0.1, data sheet."""
     fxos8700cq_gain_percent_per_degc: Triple = _NO_DRIFT
@@ -41,10 +39,9 @@ class TemperatureDrift:
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedWorld:
+class SimulatedWorld(StrictTable):
     """The truth of a virtual board's world, body frame NED. Noise alone depends on the seed."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
     soft_iron: tuple[Triple, Triple, Triple]
     """Matrix from the true field to the field at the parts."""
     hard_iron_ut: Triple

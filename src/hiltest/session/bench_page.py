@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hiltest.boards.served_lines import MOST_WAITING, TOKEN_S, listen, place_in_url, token_of
 from hiltest.orientation.angles import Pose, rotation_rows
 from hiltest.procedures.coverage import directions_of, hole_in_words, largest_uncovered_cap
-from hiltest.procedures.questions import Live, Question, attitude_by
+from hiltest.procedures.questions import Glance, Question, attitude_by
 from hiltest.procedures.turntables import ShowPoints
 from hiltest.report.page import badge_of, render
 from hiltest.rig import Rig
@@ -90,17 +90,17 @@ class BenchPage:
                 "live": "" if question.live else "no live view of the board during this question",
             }
 
-    def look(self, live: str) -> None:
-        """Show the live text beside the question, and draw its glance."""
-        glance = live.glance if isinstance(live, Live) else None
-        self._update(
-            live=live,
-            board=_rows(glance and glance.attitude),
-            moves=bool(glance and glance.moves),
-            noise=glance.noise if glance else "",
-            turned_deg=glance and glance.turned_deg,
-            is_wrong_turn=bool(glance and glance.is_wrong_turn),
-        )
+    def look(self, seen: object) -> None:
+        """Show a text beside the question, and draw it if it is a glance."""
+        self._update(live=str(seen))
+        if isinstance(seen, Glance):
+            self._update(
+                board=_rows(seen.attitude),
+                moves=seen.moves,
+                noise=seen.noise,
+                turned_deg=seen.turned_deg,
+                is_wrong_turn=seen.is_wrong_turn,
+            )
 
     def answer(self) -> str | None:
         """Return the answer to the question; None if there is none yet.

@@ -60,7 +60,7 @@ def _is_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()
 
 
-def _ask_live(text: str, live: Callable[[], str] | None, page: BenchPage | None) -> str:
+def _ask_live(text: str, live: Callable[[], object] | None, page: BenchPage | None) -> str:
     """Ask, and draw the live text at the cursor, after the characters that were typed so far."""
     from hiltest.session.progress_line import ProgressLine, TextOutput
 

@@ -147,10 +147,10 @@ class Option(NamedTuple):
     name: str
     metavar: str
     parse: Callable[[str], Any]
-    default: str | None
-    fallback: str
-    """Value of an option without default, described for the help; empty without one."""
     help: str
+    default: str | None = None
+    fallback: str = ""
+    """Value of an option without default, described for the help; empty without one."""
 
     @property
     def flag(self) -> str:
@@ -188,69 +188,45 @@ OPTIONS = (
         "rig",
         "FILE",
         file_name,
-        None,
-        "virtual-k64f; frdm-k64f if a port is named",
         "Use this rig: a file, or the name of a rig in hil/rigs.",
+        fallback="virtual-k64f; frdm-k64f if a port is named",
     ),
     Option(
         "firmware",
         "FILE",
         file_path,
-        None,
-        "the packaged one",
         "Run this firmware on the virtual board: ELF, Intel HEX or raw binary.",
+        fallback="the packaged one",
     ),
-    Option("base", "ADDRESS", address, None, "0, for a .bin", "Load a raw binary at this address."),
+    Option("base", "ADDRESS", address, "Load a raw binary at this address.", fallback="0, for a .bin"),
     Option(
         "port",
         "URL",
         file_name,
-        None,
-        "the rig's",
         "Connect to a real board: a serial device, usb://SERIAL or another pyserial URL.",
+        fallback="the rig's",
     ),
-    Option("out", "DIR", file_path, DEFAULT_OUT, "", "Write run.json and the reports to this folder."),
-    Option("seed", "N", seed, None, "the rig's", "Set the seed of the simulated world."),
+    Option("out", "DIR", file_path, "Write run.json and the reports to this folder.", default=DEFAULT_OUT),
+    Option("seed", "N", seed, "Set the seed of the simulated world.", fallback="the rig's"),
     Option(
         "poses",
         "all|level",
         choice("all", "level"),
-        None,
-        "the rig's",
         "Measure at all known angles, or only at the level ones.",
+        fallback="the rig's",
     ),
-    Option(
-        "suite",
-        "gate|full",
-        choice("gate", "full"),
-        "gate",
-        "",
-        "Run the gate set of tests, or the full set.",
-    ),
-    Option(
-        "calibration", "FILE", file_path, None, "", "Test also this calibration file of the board (hiltest calibrate)."
-    ),
-    Option("label", "TEXT", label, None, "", "Name this run in reports and trends, for example by its version."),
-    Option("baseline", "FILE", file_path, None, "", "Fail if the run is worse than this baseline, or record of a run."),
-    Option(
-        "coverage",
-        "FILE",
-        file_path,
-        None,
-        "",
-        "Write the coverage of the virtual board's firmware, for LCOV's genhtml.",
-    ),
+    Option("suite", "gate|full", choice("gate", "full"), "Run the gate set of tests, or the full set.", default="gate"),
+    Option("calibration", "FILE", file_path, "Test also this calibration file of the board (hiltest calibrate)."),
+    Option("label", "TEXT", label, "Name this run in reports and trends, for example by its version."),
+    Option("baseline", "FILE", file_path, "Fail if the run is worse than this baseline, or record of a run."),
+    Option("coverage", "FILE", file_path, "Write the coverage of the virtual board's firmware, for LCOV's genhtml."),
     Option(
         "record",
         "FILE",
         file_path,
-        None,
-        "",
         "Record everything that the run asks of its bench, with the answers; compress FILE.gz.",
     ),
-    Option(
-        "replay", "FILE", file_path, None, "", "Take the answers from such a recording, without board and firmware."
-    ),
+    Option("replay", "FILE", file_path, "Take the answers from such a recording, without board and firmware."),
 )
 _SAME_ON_ALL_SEEDS = ("rig", "firmware", "base", "poses", "suite", "calibration", "label")
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
 import numpy as np
+
+from hiltest.rig.toml_tables import StrictTable
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -21,7 +23,6 @@ FRAME: Literal["body: x forward, y right, z down; accelerometer counts are gravi
 )
 MICROTESLA_PER_COUNT = 0.1
 
-_STRICT: dict[str, Any] = {"extra": "forbid", "strict": True, "allow_inf_nan": False}
 # Smallest determinant of a matrix with normalised rows: below it the axes lie in one plane in float32.
 _SMALLEST_VOLUME = 1e-6
 # Tolerance between counts and microtesla, which are written with a double's digits.
@@ -31,20 +32,18 @@ _HEX = re.compile(r"[0-9a-f]+")
 
 
 @dataclass(frozen=True, slots=True)
-class FigureOfMerit:
+class FigureOfMerit(StrictTable):
     """Figure of merit of one part of the calibration."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     name: str
     value: float
     unit: str
 
 
 @dataclass(frozen=True, slots=True)
-class MadeOn:
+class MadeOn(StrictTable):
     """The board of a calibration."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     kind: Literal["virtual", "real"]
     """``virtual`` or ``real``."""
     firmware: str
@@ -65,20 +64,18 @@ class MadeOn:
 
 
 @dataclass(frozen=True, slots=True)
-class MagnetometerUnits:
+class MagnetometerUnits(StrictTable):
     """Units of a magnetometer's numbers."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     soft_iron: Literal["1/count"]
     hard_iron: Literal["count"]
     hard_iron_ut: Literal["uT"]
 
 
 @dataclass(frozen=True, slots=True)
-class MagnetometerPart:
+class MagnetometerPart(StrictTable):
     """Conversion of counts to a field of norm 1."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
     method: str
     n: int
@@ -104,19 +101,17 @@ class MagnetometerPart:
 
 
 @dataclass(frozen=True, slots=True)
-class AccelerometerUnits:
+class AccelerometerUnits(StrictTable):
     """Units of an accelerometer's numbers."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     gain: Literal["g/count"]
     offset: Literal["count"]
 
 
 @dataclass(frozen=True, slots=True)
-class AccelerometerPart:
+class AccelerometerPart(StrictTable):
     """Conversion of counts to gravity: `gain`, 3 rows of 3 [g/count]; `offset` (3,) [counts]; `n` poses."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
     method: str
     n: int
@@ -131,19 +126,17 @@ class AccelerometerPart:
 
 
 @dataclass(frozen=True, slots=True)
-class GyroscopeUnits:
+class GyroscopeUnits(StrictTable):
     """Units of a gyroscope's numbers."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     matrix: Literal["dps/count"]
     bias: Literal["count"]
 
 
 @dataclass(frozen=True, slots=True)
-class GyroscopePart:
+class GyroscopePart(StrictTable):
     """Conversion of counts to rates: `matrix`, 3 rows of 3 [dps/count]; `bias` (3,) [counts]; `n` samples at rest."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     sensor: str
     method: str
     n: int
@@ -163,10 +156,9 @@ GYROSCOPE_UNITS = GyroscopeUnits("dps/count", "count")
 
 
 @dataclass(frozen=True, slots=True)
-class ImuCalibration:
+class ImuCalibration(StrictTable):
     """The calibration of one board."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     schema: Literal["hiltest.imu-calibration/1"]
     hiltest: str
     """Version of hiltest that wrote it."""

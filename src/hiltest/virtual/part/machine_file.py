@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -14,16 +14,15 @@ from hiltest.errors import ConfigError
 from hiltest.json_files import adapter, describe_invalid, read_bounded
 from hiltest.virtual.model.profile_file import read_tables
 from hiltest.virtual.part.chip import Chip, ChipPeripheral, ChipRegister, MemoryMap
+from hiltest.virtual.part.part_file import ClosedTable
 
-_STRICT: dict[str, Any] = {"extra": "forbid"}
 _BLOCK_BYTES = 0x400
 _FOLDER = Path(str(resources.files("hiltest.virtual.part"))) / "machines"
 _Address = Annotated[int, Field(ge=0, lt=1 << 32)]
 
 
 @dataclass(frozen=True, slots=True)
-class _Memory:
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+class _Memory(ClosedTable):
     kind: Literal["flash", "ram"]
     begin: Annotated[int, Field(ge=0, lt=1 << 32, multiple_of=4096)]
     kib: Annotated[int, Field(ge=4, le=1 << 16)]
@@ -32,14 +31,13 @@ class _Memory:
 
 
 @dataclass(frozen=True, slots=True)
-class _Words:
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+class _Words(ClosedTable):
     address: _Address
     values: list[_Address]
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class Block(ClosedTable):
     """A block of registers of 1 KiB.
 
     Attributes
@@ -52,7 +50,6 @@ class Block:
         Requests that it serves as a DMA controller, such as ``USART2_TX``, with streams and channels such as ``6.4``.
     """
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     base: Annotated[int, Field(ge=0, lt=1 << 32, multiple_of=_BLOCK_BYTES)]
     registers: str = ""
     gate: Annotated[str, Field(pattern=r"^([A-Z0-9]+\.\d{1,2})?$")] = ""
@@ -63,10 +60,9 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
-class BoardTable:
+class BoardTable(ClosedTable):
     """The board around the chip: its crystal [MHz], serial port, and LEDs and buttons by pin, all active high."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     hse_mhz: Annotated[float, Field(gt=0, le=50)]
     serial: str
     leds: dict[str, str]
@@ -74,10 +70,9 @@ class BoardTable:
 
 
 @dataclass(frozen=True, slots=True)
-class MachineFile:
+class MachineFile(ClosedTable):
     """A board with its chip."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     title: str
     core: Literal["cortex-m3", "cortex-m4"]
     part: str

@@ -24,14 +24,19 @@ from hiltest.virtual.part.chip import MemoryMap, Region
 
 _MEGA = 1_000_000
 _Text = Annotated[str, Field(min_length=1, max_length=500)]
-_STRICT: dict[str, Any] = {"extra": "forbid"}
+
+
+class ClosedTable:
+    """Base of tables without unknown keys."""
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
 
 @dataclass(frozen=True, slots=True)
-class PartMemory:
+class PartMemory(ClosedTable):
     """One memory of a part; `late` marks RAM that answers late (row ``late_access``)."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     name: Annotated[str, Field(pattern="^[a-z0-9_]{1,16}$")]
     kind: Literal["flash", "ram"]
     begin: Annotated[int, Field(ge=0, lt=1 << 32, multiple_of=1024)]
@@ -44,17 +49,15 @@ class PartMemory:
 
 
 @dataclass(frozen=True, slots=True)
-class WaitStates:
+class WaitStates(ClosedTable):
     """Highest core clocks of the flash [MHz], with no wait state, with one, and so on."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
     up_to_mhz: Annotated[list[Annotated[float, Field(gt=0, le=1000)]], Field(min_length=1, max_length=16)]
     source: _Text
 
 
 @dataclass(frozen=True, slots=True)
-class _PartTable:
-    __pydantic_config__: ClassVar[dict[str, Any]] = _STRICT
+class _PartTable(ClosedTable):
     title: _Text
     memories: Annotated[list[PartMemory], Field(max_length=16)]
     core: Literal["cortex-m0", "cortex-m0plus", "cortex-m3", "cortex-m4", "cortex-m33"] = "cortex-m4"
@@ -191,9 +194,7 @@ def load_part(name: str) -> Part:
 
 
 def _read_part(file: Path, *, shipped: bool) -> Part:
-    place = str(file)
-    content = read_bounded(file, PART, otherwise="name a part file (TOML)")
-    tables = read_tables(place, content, PART)
+    place, tables = str(file), _tables_of(file)
     described: Any = tables.pop("part", None)
     if described is None:
         raise ConfigError(f"{place}: there is no table [part]; start from a copy of a shipped part file")
@@ -218,6 +219,16 @@ def _read_part(file: Path, *, shipped: bool) -> Part:
     )
     _check_memories(place, part)
     return part
+
+
+def _tables_of(file: Path) -> dict[str, Any]:
+    """Return the content of a part file, with the costs of the shipped part that it names as its base, if it does."""
+    tables = read_tables(str(file), read_bounded(file, PART, otherwise="name a part file (TOML)"), PART)
+    base, cost = tables.get("base"), tables.get("cost", {})
+    if isinstance(base, str) and isinstance(cost, dict) and base in shipped_parts():
+        based_on = _tables_of(shipped_parts()[base])
+        tables |= {"base": based_on["base"], "cost": based_on.get("cost", {}) | cost}
+    return tables
 
 
 def _check_memories(place: str, part: Part) -> None:
