@@ -181,8 +181,6 @@ class _Tools:
             return CallToolResult(content=[TextContent(text=str(error))], is_error=True)
         is_error = document["schema"].startswith("hiltest.error/")
         text = document["message"] if is_error else compact(document)
-        if call.name == "compare" and not is_error and not Path(str((call.arguments or {})["base"])).exists():
-            is_error, text = True, next((item["obstacles"][0] for item in document["comparisons"]), text)
         return CallToolResult(content=[TextContent(text=text)], structured_content=document, is_error=is_error)
 
     def _command_line(self, name: str, arguments: Mapping[str, Any]) -> list[str]:
