@@ -150,9 +150,9 @@ def wrong() -> Iterator[tuple[int, str, tuple[str, ...]]]:
     """Yield the exit code, the error and the command of what cannot be done."""
     yield 4, "UsageError", ("run", "--json", "--rig", "gone")
     yield 4, "UsageError", ("run", "--json", "--", "-p", "no:hiltest")
-    yield 22, "NoRecord", ("run", "--json", "--seeds", "1..1", "--baseline", "gone.json")
+    yield 4, "NothingRecordedError", ("run", "--json", "--seeds", "1..1", "--baseline", "gone.json")
     yield 4, "NoSuchOption", ("compare", "--json", "--gone")
-    yield 4, "ConfigError", ("report", "gone", "--json")
+    yield 4, "NothingRecordedError", ("report", "gone", "--json")
     yield 4, "ConfigError", ("bisect", "v1", "v2", "--firmware", "a.elf", "--json", "--", "make")
 
 

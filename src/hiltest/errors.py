@@ -34,6 +34,10 @@ class ConfigError(HiltestError):
     """A file, an option or an argument is wrong. Exit code 4."""
 
 
+class NothingRecordedError(ConfigError):
+    """There is no record: no file, a journal that was removed again, or one that has no first line yet."""
+
+
 class NotOfferedError(ConfigError):
     """The interface to the firmware does not offer what was asked of the board."""
 

@@ -107,11 +107,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_deselected(items: Sequence[pytest.Item]) -> None:
-    """Note that tests of the set were left out, by ``-k``, ``-m`` or another option."""
-    for item in items:
+    """Note which tests are left out, by the gate set or by ``-k``, ``-m`` or another option."""
+    for item in filter(uses_hiltest, items):
         hil = item.config.stash[SESSION]
-        in_set = hil.settings.suite == "full" or item.get_closest_marker(MARKER) is None
-        hil.choice.deselected |= in_set and uses_hiltest(item)
+        if hil.settings.suite == "full" or item.get_closest_marker(MARKER) is None:
+            hil.choice.deselected = True
+        else:
+            hil.choice.full_tests_left_out += 1
 
 
 # This hook is the first, so that the board is known when other plugins report the collection.

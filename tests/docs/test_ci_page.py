@@ -220,7 +220,8 @@ def test_the_job_is_green_for_the_firmware_as_it_was_and_shows_its_report(green:
     folder, ran = green
     assert {name: item.code for name, item in ran.items()} == dict.fromkeys(ran, 0), the_run(ran).said
     run = the_run(ran)
-    assert run.summary.startswith("# May be merged (against hil/baselines/mine.json): PASS\n")
+    answer = "May be merged as far as the gate set shows, without [0-9]+ tests of the full set"
+    assert re.match(rf"# {answer} \(against hil/baselines/mine.json\): PASS\n", run.summary)
     assert "## Against the baseline" in run.summary
     assert "::error" not in run.said
     record = json.loads((folder / "hil-out" / "run.json").read_text(encoding="utf-8"))

@@ -174,16 +174,25 @@ def test_what_does_not_go_with_it_is_found_before_the_older_firmware_runs(
 
 
 @pytest.mark.parametrize("seeds", [(), ("--seeds", "1..2")], ids=" ".join)
-def test_a_baseline_that_is_not_there_is_said_at_once_and_no_test_runs(bench: Path, seeds: tuple[str, ...]) -> None:
+def test_a_baseline_that_does_not_exist_is_an_error_at_once_and_no_test_runs(
+    bench: Path, seeds: tuple[str, ...]
+) -> None:
     assert hiltest(bench, "run").returncode == 0
     (bench / "hil" / "suites" / "test_lamp.py").write_text(SUITE + "    open('ran', 'w')\n", encoding="utf-8")
-    done = hiltest(bench, "run", "--baseline", "no-such.json", *seeds, GITHUB_ACTIONS="true")
+    before = (bench / "hil-out" / "run.json").read_bytes()
+    done = hiltest(bench, "run", "--baseline", "no-such.json", *seeds)
+    assert done.returncode == 4, done.stdout + done.stderr
+    assert done.stderr.startswith("ERROR: no-such.json: No such file or directory; name a run.json, its folder or a ba")
+    assert not (bench / "ran").exists()
+    assert (bench / "hil-out" / "run.json").read_bytes() == before, "as after any other wrong option"
+    (bench / "damaged.json").write_text("no json", encoding="utf-8")
+    done = hiltest(bench, "run", "--baseline", "damaged.json", *seeds, GITHUB_ACTIONS="true")
     assert done.returncode == 22, done.stdout + done.stderr
     (annotation,) = [line for line in done.stdout.splitlines() if line.startswith("::error")]
     assert "hiltest%3A not evaluated" in annotation
     answer = " ".join(done.stdout.split())
     assert "NOT EVALUATED" in answer
-    assert "no-such.json: No such file or directory" in answer
+    assert "damaged.json: not JSON" in answer
     assert not (bench / "ran").exists()
     result = hiltest(bench, "compare", "hil-out", "hil-out")
     assert result.returncode in (4, 22), "and not the verdict of the run before"

@@ -107,7 +107,7 @@ def test_the_base_may_come_from_environment_and_ini(
     assert pytester.runpytest_inprocess().ret == 21
     assert pytester.runpytest_inprocess("-o", "hil_baseline=").ret == 0
     monkeypatch.setenv("HIL_BASELINE", "no-such-file.json")
-    assert pytester.runpytest_inprocess().ret == 22
+    assert pytester.runpytest_inprocess().ret == 4
 
 
 def test_a_base_that_missed_a_limit_is_a_base_and_one_that_lost_its_bench_is_none(
@@ -304,11 +304,21 @@ def test_ctrl_c_is_interrupted_and_not_compared(pytester: pytest.Pytester) -> No
 
 
 @pytest.mark.usefixtures("base")
+@pytest.mark.parametrize("workers", [(), ("-n2",)], ids=["one process", "workers"])
+def test_a_base_that_does_not_exist_is_a_usage_error(pytester: pytest.Pytester, workers: tuple[str, ...]) -> None:
+    result = pytester.runpytest_inprocess("--hil-baseline=no-such.json", *workers)
+    assert result.ret == 4
+    result.stderr.fnmatch_lines(["ERROR: no-such.json: No such file or directory; name a run.json, *"])
+    assert not (pytester.path / "hil-out").exists()
+
+
+@pytest.mark.usefixtures("base")
 def test_without_its_base_no_test_runs_and_the_record_says_why(pytester: pytest.Pytester) -> None:
-    result = pytester.runpytest_inprocess("--hil-baseline=no-such.json")
+    (pytester.path / "damaged.json").write_text("no json", encoding="utf-8")
+    result = pytester.runpytest_inprocess("--hil-baseline=damaged.json")
     assert result.ret == 22
     answer = " ".join(" ".join(result.outlines).split())
-    assert "(against no-such.json): NOT EVALUATED: no-such.json: No such file or directory;" in answer
+    assert "(against damaged.json): NOT EVALUATED: damaged.json: not JSON:" in answer
     assert record(pytester)["tests"] == []
     assert not record(pytester)["verdict"]["complete"]
 

@@ -64,16 +64,31 @@ def test_the_gate_set_is_the_default_and_is_green_without_what_it_leaves_out(ben
         ]
     )
     record = record_of(bench)
-    assert (record["suite"], record["verdict"]["complete"]) == ("gate", True)
+    assert (record["suite"], record["tests_left_out"], record["verdict"]["complete"]) == ("gate", 1, True)
     assert outcomes_of(bench) == {"lamp.current": "pass"}
 
 
 def test_the_full_set_runs_all_and_judges_all(bench: pytest.Pytester) -> None:
     result = bench.runpytest_inprocess("--hil-suite=full")
     result.assert_outcomes(passed=2)
-    assert record_of(bench)["suite"] == "full"
+    assert (record_of(bench)["suite"], record_of(bench)["tests_left_out"]) == ("full", 0)
     assert outcomes_of(bench) == {"lamp.current": "pass", "lamp.life": "pass"}
     result.stdout.no_fnmatch_line("*left out*")
+
+
+def test_a_verdict_of_the_gate_set_says_how_many_tests_of_the_full_set_it_lacks(bench: pytest.Pytester) -> None:
+    assert bench.runpytest_inprocess("--hil-out=base").ret == 0
+    against = "(against base/run.json): PASS: "
+    gate_set = f"May be merged as far as the gate set shows, without 1 test of the full set {against}"
+    for options, answer in (
+        ([], gate_set),
+        (["-k", "current"], gate_set),
+        (["-n2"], gate_set),
+        (["--hil-suite=full"], f"May be merged {against}"),
+    ):
+        assert bench.runpytest_inprocess("--hil-baseline=base", "--hil-out=new", *options).ret == 0
+        record = json.loads((bench.path / "new" / "run.json").read_text(encoding="utf-8"))
+        assert record["verdict"]["sentence"].startswith(answer)
 
 
 def test_a_limit_of_the_full_set_that_it_does_not_measure_ends_with_22(bench: pytest.Pytester) -> None:

@@ -31,7 +31,7 @@ def test_0_says_that_nothing_got_worse(changed: Changed) -> None:
     done = hiltest("compare", changed("base"), changed("new", values={"cycles.direct.total": 10_000}))
     assert done.returncode == 0, done.stderr
     better = r"1 better: cycles\.direct\.total .*; \d+ unchanged\."
-    assert re.search(rf"^May be merged \(against \S+\): {better}$", done.stdout, re.M)
+    assert re.search(rf"^May be merged .*\(against \S+\): {better}$", done.stdout, re.M)
     assert re.search(
         r"^better \(1\)\n  cycles\.direct\.total [\d ]+ -> 10 000 cycles \(-[\d ]+, -\S+ %; limit at most 12 000;"
         r"\s+heading\.direct\.max\s+(\S+) -> \1 deg\)$",
@@ -102,13 +102,27 @@ def test_a_campaign_may_miss_limits_on_as_many_seeds_as_it_was_allowed(changed: 
 
 
 def test_22_says_why_in_one_line(changed: Changed, tmp_path: Path) -> None:
-    done = hiltest("compare", tmp_path / "none.json", changed("new"))
+    (tmp_path / "text.json").write_text("no json", encoding="utf-8")
+    done = hiltest("compare", tmp_path / "text.json", changed("new"))
     assert done.returncode == 22
     (line,) = (line for line in done.stdout.splitlines() if line.startswith("Cannot say whether it may be merged "))
-    assert "none.json: No such file or directory" in line
+    assert "text.json: not JSON" in line
     done = hiltest("compare", changed("base"), changed("new", {"board.cycle_model": "silicon-dwt"}))
     assert done.returncode == 22
     assert "): another cycle model: " in done.stdout
+
+
+@pytest.mark.parametrize("as_json", [(), ("--json",)], ids=["text", "JSON"])
+def test_4_if_the_base_does_not_exist(changed: Changed, tmp_path: Path, as_json: tuple[str, ...]) -> None:
+    (tmp_path / "empty").mkdir()
+    for name, complaint in (
+        ("none.json", "No such file or directory; name a run.json, its folder or a baseline"),
+        ("empty", "has no record of a run"),
+    ):
+        done = hiltest("compare", *as_json, tmp_path / name, changed("new"))
+        assert done.returncode == 4
+        assert re.match(rf"ERROR: \S+{name}:? {complaint}", done.stderr)
+        assert (json.loads(done.stdout)["schema"] if as_json else done.stdout) == ("hiltest.error/1" if as_json else "")
 
 
 def test_4_for_what_is_no_new_run(changed: Changed, tmp_path: Path) -> None:

@@ -490,6 +490,13 @@ def test_the_sentence_begins_with_the_answer() -> None:
     )
     chosen = [replace(side, chosen=True) for side in (base, base)]
     assert compare(*chosen).sentence == f"May be merged as far as the chosen tests show {against}: 1 unchanged."
+    gate_set = replace(base, tests_left_out=11)
+    shown = "May be merged as far as the gate set shows, without 11 tests of the full set"
+    assert compare(base, gate_set).sentence == f"{shown} {against}: 1 unchanged."
+    assert compare(base, replace(gate_set, chosen=True)).sentence.startswith(
+        "May be merged as far as the chosen tests show, without 11 tests of the full set "
+    )
+    assert compare(base, replace(worse, tests_left_out=11)).sentence.startswith(f"Not to be merged {against}")
     gone = compare(base, evidence([]))
     cannot = "Cannot say whether it may be merged"
     assert gone.sentence.startswith(f"{cannot} {against}: measurement missing: cycles.direct.total; restore it")

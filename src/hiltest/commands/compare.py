@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from hiltest.commands.options import json_option, print_document
-from hiltest.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hiltest.run_record.comparison import Comparison
     from hiltest.verdict.detection import Detection
     from hiltest.verdict.evidence import Evidence
 
@@ -21,9 +19,9 @@ Exit codes:
   0   may be merged: nothing got worse
   1   not to be merged: a limit or a test of NEW itself fails
   2   interrupted
-  4   usage: NEW is missing or cannot be read
+  4   usage: BASE does not exist, or NEW cannot be read
   21  not to be merged: a measurement is worse by more than its tolerance
-  22  unknown: BASE is missing or not comparable, a measurement is missing,
+  22  unknown: BASE is damaged or not comparable, a measurement is missing,
       or a limit was not evaluated
 """
 
@@ -43,13 +41,15 @@ def compare(base: Path, new: tuple[Path, ...], as_json: bool, detect: str | None
     """
     from hiltest.report.comparison_text import Comparisons, print_comparison, say_how_to_keep
     from hiltest.run_record.exit_codes import ExitCode, comparison_code
+    from hiltest.session.gate import read_gate
     from hiltest.verdict.evidence_reader import read_evidence
 
     if not new and detect is None:
         raise click.MissingParameter(param_hint="NEW", param_type="argument")
+    gate = read_gate(base) if new else None
     evidence = [read_evidence(place) for place in new]
     planned = _plan_runs(base, evidence, detect) if detect is not None else None
-    comparisons = _compare_all(base, evidence)
+    comparisons = [gate.compare(side) for side in evidence] if gate else []
     if as_json:
         print_document("hiltest.comparison/1", Comparisons(comparisons, planned))
     else:
@@ -77,16 +77,3 @@ def _plan_runs(base: Path, evidence: list[Evidence], size: str) -> Detection:
         return detection(size, read_evidence(base), evidence[0] if evidence else None)
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--detect") from error
-
-
-def _compare_all(base: Path, evidence: list[Evidence]) -> list[Comparison]:
-    """Compare with the base; an unreadable base means "not evaluated", and is no usage error."""
-    from hiltest.verdict.compare import compare as compare_sides
-    from hiltest.verdict.compare import not_compared
-    from hiltest.verdict.evidence_reader import read_evidence
-
-    try:
-        before = read_evidence(base)
-    except ConfigError as error:
-        return [not_compared(str(base), str(error), side) for side in evidence]
-    return [compare_sides(before, side) for side in evidence]

@@ -39,13 +39,12 @@ _LEFT_OUT = {
 _TERMINAL_HELP = " ELF is the same as"  # begin of the help on arguments that no tool has
 _INSTRUCTIONS = """hiltest measures compass firmware on a virtual board: heading errors and cycles.
 run measures the build in its parameter firmware, judges it, and writes the record to the folder {out}/OUT.
-Without suite=full a run leaves out the tests of the full set, whose number the key remark of its answer states.
+Without suite=full a run leaves out tests of the full set; the key tests_left_out of its answer is their number.
 explain names the cause of that record's verdict, and the source lines that cost more than in its base.
 compare lists the changes between two records, and profile the cycles of one function by source line.
 judge measures a calibrator or filter from a file, and fit evaluates a recorded log.
 Firmware with its own output needs a rig, which hiltest start proposes at a terminal.
 Names of files and folders are relative to {folder}."""
-_LEFT_OUT_TESTS = re.compile(r"^(gate set: .*; )\S+ full runs them$", re.M)
 ANSWER_BYTES = 16 * 1024  # some six thousand tokens; common agents refuse answers of more than 25 000
 _JSON = "as_json"
 _AT_ONCE = 2
@@ -182,8 +181,6 @@ class _Tools:
             return CallToolResult(content=[TextContent(text=str(error))], is_error=True)
         is_error = document["schema"].startswith("hiltest.error/")
         text = document["message"] if is_error else compact(document)
-        if call.name == "compare" and not is_error and not Path(str((call.arguments or {})["base"])).exists():
-            is_error, text = True, next((item["obstacles"][0] for item in document["comparisons"]), text)
         return CallToolResult(content=[TextContent(text=text)], structured_content=document, is_error=is_error)
 
     def _command_line(self, name: str, arguments: Mapping[str, Any]) -> list[str]:
@@ -262,9 +259,7 @@ class _Tools:
             # A lone surrogate, of a name that is no text, cannot be sent.
             document = json.loads(compact(json.loads(output)).encode("utf-8", "replace"))
             if isinstance(document, dict) and "schema" in document:
-                # A run passes without the tests of the full set, and its record does not count them.
-                left_out = _LEFT_OUT_TESTS.search(errors.decode("utf-8", "replace"))
-                return document | ({"remark": f"{left_out[1]}suite full runs them"} if left_out else {})
+                return document
         last = errors.decode("utf-8", "replace").strip().rpartition("\n")[2]
         raise ConfigError(f"{words[0]}: printed no document: {last or 'no error either'}")
 

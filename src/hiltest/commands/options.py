@@ -32,11 +32,12 @@ Exit codes:
   1   a test failed or a limit does not hold
   2   interrupted
   3   internal error
-  4   usage: an option, a port, a rig file or a firmware file is wrong
+  4   usage: an option, a port, a rig file or a firmware file is wrong,
+      or the baseline does not exist
   5   no tests were collected
   20  connection lost: link, cable, board or sensor, or firmware that hangs
   21  regression: worse than the baseline by more than a tolerance
-  22  not evaluated: limit not measured or baseline missing
+  22  not evaluated: limit not measured or baseline not comparable
   23  wrong firmware, or another protocol version
   24  cut short: a process was killed, or memory, files or disk space ran out
 """

@@ -159,6 +159,8 @@ class Comparison:
     """Limits of the new run that were not evaluated, with the reason."""
     chosen: bool = False
     """True if only chosen tests ran: the others are unknown."""
+    tests_left_out: int = 0
+    """Number of tests of the full set that the new run's gate set left out."""
     base_kind: BaseKind = BaseKind.RUN
     remark: str = ""
     """Remark for the reader; it decides nothing."""

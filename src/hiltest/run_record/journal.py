@@ -21,7 +21,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, NothingRecordedError
 from hiltest.json_files import JsonFile, json_line, parse_json_lines, read_json, require_schema
 from hiltest.run_record.exit_codes import ExitCode
 from hiltest.run_record.files import CAMPAIGN_FILE, COVERAGE_FILE, RECORD_FILES, SEEDS_FILE, UNFINISHED
@@ -39,10 +39,6 @@ STILL_RUNNING, CUT_SHORT = (
     asdict(Verdict(outcome, ExitCode.INTERRUPTED, "", complete=False)) for outcome in ("still running", "cut short")
 )
 """Verdicts of runs without an end: never complete, and without a sentence."""
-
-
-class NothingRecordedError(ConfigError):
-    """A journal that was removed again, or that has no first line yet."""
 
 
 class Journal:

@@ -6,11 +6,11 @@ import os
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from hiltest.errors import ConfigError
+from hiltest.errors import ConfigError, NothingRecordedError
 from hiltest.json_files import JsonFile, read_as, read_json
 from hiltest.run_record.failures import describe_unfinished
 from hiltest.run_record.files import CAMPAIGN_FILE, RUN_FILE, SEED_FOLDERS, SEEDS_FILE
-from hiltest.run_record.journal import CUT_SHORT, JOURNAL_FILE, STILL_RUNNING, NothingRecordedError, read_journal
+from hiltest.run_record.journal import CUT_SHORT, JOURNAL_FILE, STILL_RUNNING, read_journal
 from hiltest.run_record.run import SCHEMA, Run
 
 OTHERWISE = "render another record, or run again: hiltest run"
@@ -79,11 +79,18 @@ def find_record(place: Path, *, otherwise: str = OTHERWISE) -> JsonFile:
 
     Raises
     ------
+    NothingRecordedError
+        If there is no record.
     ConfigError
-        If there is no record, or it is not JSON; the message has the reason and a remedy.
+        If it is not JSON. Each message has the reason and a remedy.
     """
     if not os.path.isdir(place):
-        return _parse_file(place, otherwise)
+        try:
+            return _parse_file(place, otherwise)
+        except ConfigError as error:
+            if os.path.exists(place):
+                raise
+            raise NothingRecordedError(str(error)) from error
     journal, record = place / JOURNAL_FILE, place / RUN_FILE
     for path in (journal, record) * _TRIES:
         try:
@@ -101,7 +108,7 @@ def find_record(place: Path, *, otherwise: str = OTHERWISE) -> JsonFile:
         page = place / CAMPAIGN_FILE
         state = f"all its seeds are in {page}" if page.exists() else f"cut short or going on, without {CAMPAIGN_FILE}"
         raise ConfigError(f"{place}: a campaign, not one run: {state}; name one of its folders, such as {seeds[0]}")
-    raise ConfigError(f"{place} has no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
+    raise NothingRecordedError(f"{place} has no record of a run: neither {RUN_FILE} nor a line in {JOURNAL_FILE}")
 
 
 def _parse_file(path: Path, otherwise: str) -> JsonFile:

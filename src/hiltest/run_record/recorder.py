@@ -129,6 +129,7 @@ class Recorder:
                 "finished_utc": run.finished_utc,
                 "comparison": comparison,
                 "chosen": run.chosen,
+                "tests_left_out": run.tests_left_out,
                 "coverage": run.coverage and asdict(run.coverage),
                 "suites": run.suites,
             },

@@ -243,6 +243,8 @@ class Run:
     """Measurements of the other attempts of repeated tests; the worst attempt is under `measurements`."""
     chosen: bool = False
     """True if the user chose among the tests of hiltest, so that part of the set did not run."""
+    tests_left_out: int = 0
+    """Number of tests of the full set that the gate set left out; 0 in older records, which lack it."""
     revision: Revision | None = None
     """Sources that the run was made for, according to label and job."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -290,6 +292,7 @@ class Findings:
     comparison: Comparison | None = None
     other_attempts: list[Measurement] = field(default_factory=list)
     chosen: bool = False
+    tests_left_out: int = 0
     revision: Revision | None = None
     coverage: CoverageRecord | None = None
     suites: Mapping[str, str] = field(default_factory=dict)
@@ -322,6 +325,7 @@ class Findings:
             comparison=self.comparison,
             other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts),
             chosen=self.chosen,
+            tests_left_out=self.tests_left_out,
             revision=self.revision,
             coverage=self.coverage,
             suites=self.suites,

@@ -212,8 +212,8 @@ class HilSession:
             _ = self.rig_if_needed
             if self.settings.calibration is not None and self.calibration is None:
                 self.calibration = load_calibration(self.settings.calibration)
+            self.gate.read()
             if not self.is_worker:
-                self.gate.read()
                 # The claim comes before anything is written to the folder, including the trace of the first bytes.
                 self.claim_folder()
                 remove_traces(self.folder.path)

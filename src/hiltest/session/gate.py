@@ -68,13 +68,21 @@ def read_gate(place: Path, *, in_one_session: bool = False) -> Gate:
     ----------
     in_one_session
         True if the base has just been run, as the older of two firmwares.
+
+    Raises
+    ------
+    NothingRecordedError
+        If there is no such record, unless its run has just ended without one. Of an unreadable one the gate has the
+        reason.
     """
-    from hiltest.errors import ConfigError
+    from hiltest.errors import ConfigError, NothingRecordedError
     from hiltest.verdict.evidence_reader import read_evidence
 
     try:
         return Gate(str(place), read_evidence(place), in_one_session=in_one_session)
     except ConfigError as error:
+        if isinstance(error, NothingRecordedError) and not in_one_session:
+            raise
         return Gate(str(place), None, str(error), in_one_session=in_one_session)
 
 

@@ -164,6 +164,7 @@ class Recording:
             self._recorder.finish_test(TestResult(REPLAY, TestOutcome.CONNECTION_LOST, 0.0, hil.divergence))
         exitstatus = self._write_coverage(exitstatus)
         self._recorder.findings.chosen = self._hil.choice.chose_our_tests
+        self._recorder.findings.tests_left_out = self._hil.choice.full_tests_left_out
         self._recorder.findings.suites = suite_digests(self._test_files, session.config.rootpath)
         stopped = bool(session.shouldstop or session.shouldfail)
         cut_short = stopped or self._finished < session.testscollected

@@ -34,6 +34,8 @@ class Choice:
         Omitted tests of the full set.
     deselected : bool
         True if tests of hiltest in the set were deselected.
+    full_tests_left_out : int
+        Number of tests of the full set that do not run in the gate set, whether or not the user's choice has them.
     only_benchmarks : bool
         True if pytest was asked only for benchmarks of device cycles, which measure nothing
         with a limit.
@@ -43,6 +45,7 @@ class Choice:
         self._config = config
         self.left_out = OmittedTests()
         self.deselected = False
+        self.full_tests_left_out = 0
         self.only_benchmarks = False
 
     @property

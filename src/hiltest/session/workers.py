@@ -42,6 +42,7 @@ class Worker:
             "found": pack(TestFindings()),
             "left_out": ([], ""),
             "deselected": False,
+            "full_tests_left_out": 0,
             "usage_error": "",
             "coverage": "",
         }
@@ -69,6 +70,7 @@ class Worker:
             raise
         self._output["left_out"] = (list(self._hil.choice.left_out.tests), self._hil.choice.left_out.how)
         self._output["deselected"] = self._hil.choice.deselected
+        self._output["full_tests_left_out"] = self._hil.choice.full_tests_left_out
         return result
 
     # This hook is the first: the board is open, or lost, before any set-up of the test.
@@ -258,6 +260,7 @@ class Controller:
         tests, how = output["left_out"]
         self._hil.choice.left_out = OmittedTests(tuple(tests), how)
         self._hil.choice.deselected = output["deselected"]
+        self._hil.choice.full_tests_left_out = output["full_tests_left_out"]
         if output["coverage"]:
             from hiltest.virtual.coverage.lcov import from_lcov
 

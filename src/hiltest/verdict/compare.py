@@ -227,6 +227,7 @@ def _comparison(
         failed=failed,
         unjudged=tuple(_unevaluated_limits(new)),
         chosen=new.chosen,
+        tests_left_out=new.tests_left_out,
         base_kind=kind,
     )
     return replace(comparison, sentence=sentence(comparison))

@@ -86,6 +86,8 @@ class Evidence:
     """Reasons why this side cannot be compared, one line each, with a remedy: such as a run that was cut short."""
     chosen: bool = False
     """True if only chosen tests ran: such a run is comparable with the same choice, and cannot become a baseline."""
+    tests_left_out: int = 0
+    """Number of tests of the full set that the gate set left out, of several runs the largest."""
     failed: tuple[str, ...] = ()
     """Tests that failed for another reason than a limit, with the reason."""
     may_miss: bool = False
@@ -146,6 +148,7 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         _tolerances(rig.tolerances if rig else {}),
         () if run.verdict.complete else (fault,),
         run.chosen,
+        run.tests_left_out,
         in_force=_tolerances(run.tolerances),
         tests={run.seed: _outcomes(run)},
         failed=failed_by_itself(run),
@@ -196,7 +199,6 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         saved_utc=max(run.side.saved_utc for run in runs),
         revision=first.side.revision if len({run.side.revision for run in runs}) == 1 else None,
     )
-    chosen = any(run.chosen for run in runs)
     failed = tuple(f"{why} {_seeds_in_words(run)}" for run in runs for why in run.failed)
     return Evidence(
         side,
@@ -204,7 +206,8 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         measurements,
         first.tolerances,
         tuple(faults),
-        chosen,
+        any(run.chosen for run in runs),
+        max(run.tests_left_out for run in runs),
         failed,
         in_force={name: tolerance for run in reversed(runs) for name, tolerance in run.in_force.items()},
         tests=tests,

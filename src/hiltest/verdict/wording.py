@@ -9,7 +9,7 @@ from shlex import quote
 
 from hiltest.measurement import EXACT, Outcome, Tolerance, is_direction
 from hiltest.run_record.comparison import Answer, BaseKind, Change, Comparison, Difference, Revision, Side
-from hiltest.text import format_number, join_words
+from hiltest.text import format_count, format_number, join_words
 from hiltest.verdict.evidence import Seed
 
 SHOWN = (Change.WORSE, Change.GONE, Change.BETTER, Change.NEW, Change.CHANGED)
@@ -141,10 +141,15 @@ def answer_in_words(comparison: Comparison) -> str:
 
     Examples
     --------
-    ``Not to be merged (against base.json)``
+    ``Not to be merged (against base.json)``, or
+    ``May be merged as far as the gate set shows, without 11 tests of the full set (against base.json)``
     """
-    chosen = " as far as the chosen tests show" if comparison.answer is Answer.MAY and comparison.chosen else ""
-    return f"{comparison.answer.capitalize()}{chosen} (against {comparison.base.file})"
+    extent = ""
+    if comparison.answer is Answer.MAY and (comparison.chosen or comparison.tests_left_out):
+        extent = " as far as the chosen tests show" if comparison.chosen else " as far as the gate set shows"
+        if comparison.tests_left_out:
+            extent += f", without {format_count(comparison.tests_left_out, 'test')} of the full set"
+    return f"{comparison.answer.capitalize()}{extent} (against {comparison.base.file})"
 
 
 def reasons(comparison: Comparison, *, beside_failures: bool = False) -> str:
