@@ -244,7 +244,7 @@ class _Log:
             n_skipped=samples.skipped,
             n_repeated=int(gone.repeated.sum()),
             robust="tukey" if gone.robust else "none",
-            n_dropped=int(gone.dropped.sum()),
+            n_dropped=gone.n_dropped,
             dropped=gone.dropped_lines,
             in_order=is_in_order_of_time(self.kept),
             at_rest=is_at_rest(self.kept),
