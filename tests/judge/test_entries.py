@@ -241,7 +241,7 @@ def test_a_fault_and_a_hang_on_the_core_name_the_world_and_the_place(write: Writ
     [
         ("int calibrate(int n) { return n; }", "mine.c", "calibrate takes 1 arguments"),
         ("int calibrate(", "mine.c", r"cannot compile it:\n.*error"),
-        ("int other(void) { return 0; }", "mine.c", r"no function calibrate; .* --function"),
+        ("int other(void) { return 0; }", "mine.c", r"no function calibrate; .* name one: .*mine\.c:NAME"),
         ("no source", "mine.txt", "is neither a source"),
         ("x = 1", "mine.py", r"name its function, too: .*mine\.py:calibrate"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.shapes import Shape
 from hiltest.errors import ConfigError
-from hiltest.log_fitting import FieldUnit, Samples
+from hiltest.log_fitting import FieldUnit, Samples, read_samples
 from hiltest.log_fitting.fit_notes import notes
 from hiltest.log_fitting.fit_result import SampleFit
 from hiltest.log_fitting.sample_fit import ALL, fit_by_shape, fit_on_board, fit_on_host
@@ -27,6 +28,7 @@ from hiltest.procedures.golden_points import golden_points
 
 from ..calibration.hand_turned import hand_turned
 from ..instances import instance
+from ..interfaces.conftest import shared_data  # noqa: F401  # a fixture
 from .indoor_walk import indoor_walk
 
 _GOLDEN = sorted((Path(__file__).parents[2] / "fixtures" / "clouds").glob("*.json"))
@@ -247,14 +249,24 @@ def test_a_wild_row_is_left_out_and_named(virtual_board: Board) -> None:
     wild = points.copy()
     wild[[17, 203, 204]] = (900.0, -3.0, 12.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for fit in (fit_on_board(virtual_board, _cloud(wild)), fit_on_host(_cloud(wild))):
-        assert (fit.n_dropped, fit.dropped) == (3, ((18, 18), (204, 205)))
-        assert "3 of 300 readings were left out" in " ".join(fit.notes)
-        assert "lines 18, 204 to 205" in " ".join(fit.notes)
+        assert (fit.n_repeated, fit.n_dropped, fit.dropped) == (1, 2, ((18, 18), (204, 205)))
+        assert "2 of the 299 readings that repeat none were left out" in " ".join(fit.notes)
+        assert "lines 18, 204 to 205, with their repeats" in " ".join(fit.notes)
+        assert fit.n_left == 297
         assert fit.best.verdict is Acceptance.GOOD
     assert fit_on_host(_cloud(wild), robust=False).best.verdict is Acceptance.REFUSED
     # By line of the file where it is known.
     read = replace(_cloud(wild), lines=np.arange(300) * 2 + 5)
     assert fit_on_host(read, "direct").dropped == ((39, 39), (411, 413))
+
+
+def test_repeats_are_counted_completely_also_those_of_outliers(shared_data: Callable[[str], Path]) -> None:  # noqa: F811
+    samples = read_samples(shared_data("xio_fusion/sensor_data.csv"))
+    fit = fit_on_host(samples, "direct")
+    repeats = int((np.diff(samples.points, axis=0) == 0.0).all(axis=1).sum())
+    assert (fit.n_in, fit.n_repeated) == (13_514, repeats) == (13_514, 10_845)
+    assert fit.n_left == fit.n_in - fit.n_repeated - fit.n_dropped == fit.calibrators[0].n_used
+    assert f"{fit.n_dropped} of the 2669 readings that repeat none were left out" in " ".join(fit.notes)
 
 
 def test_many_left_out_are_a_warning() -> None:

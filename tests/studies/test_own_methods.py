@@ -1,8 +1,9 @@
-"""A method of one's own takes part in every study: by a package's entry point, or in firmware."""
+"""A method of one's own takes part in every study: by a package's entry point, in a file, or in firmware."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from tests.own_package import WRONG
 
 from hiltest.boards.bench import default_firmware
 from hiltest.calibration import reference
+from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.fit import FitStatus
 from hiltest.calibration.sphere import fit_sphere
 from hiltest.errors import ConfigError
+from hiltest.judge.build import header_folder
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Table
 from hiltest.studies import NAMES
@@ -27,7 +30,35 @@ from hiltest.studies.instances import Model, draw_instances
 OF_FIRMWARE = {"budget", "float32"}
 
 
+PYTHON = """
+import numpy as np
+
+
+def sphere(samples):
+    rows = np.column_stack([2.0 * samples, np.ones(len(samples))])
+    return np.linalg.lstsq(rows, (samples**2).sum(axis=1), rcond=None)[0][:3], np.eye(3)
+
+
+def pairs(samples, accelerations):
+    return samples[0], np.eye(3)
+
+
+def raises(samples):
+    raise LookupError("no table")
+"""
+
+
 pytestmark = pytest.mark.usefixtures("own_package")
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Change to a folder with Python functions, the template in C, and points."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(PYTHON, encoding="utf-8")
+    (tmp_path / "mine.c").write_text((header_folder() / "template.c").read_text(encoding="utf-8"), encoding="utf-8")
+    np.savetxt(tmp_path / "points.csv", counts() / 10.0, delimiter=",", header="x_uT,y_uT,z_uT", comments="")
+    return tmp_path
 
 
 def counts() -> np.ndarray:
@@ -150,10 +181,10 @@ def rows_of(table: Table, method: str) -> list[tuple[object, ...]]:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("budget", "float32"))) for name in NAMES]
 )
-def test_every_study_has_rows_of_a_method_of_one_s_own(name: str, tmp_path: Path) -> None:
+def test_every_study_has_rows_of_a_method_of_one_s_own(name: str, files: Path, tmp_path: Path) -> None:
     elf = tmp_path / "mine.elf"
     elf.write_bytes(default_firmware().read_bytes())
-    words = [] if name in OF_FIRMWARE else ["--calibrator", "sphere-fit"]
+    words = [] if name in OF_FIRMWARE else ["--calibrator", "sphere-fit", "--calibrator", "mine.py:sphere"]
     table = table_of(name, tmp_path / "out", "--firmware", str(elf), *words)
     in_elf = f"{elf}:direct"
     assert rows_of(table, in_elf)
@@ -162,6 +193,10 @@ def test_every_study_has_rows_of_a_method_of_one_s_own(name: str, tmp_path: Path
     if name not in OF_FIRMWARE:
         assert rows_of(table, "sphere-fit")
         assert rows_of(table, "sphere-fit") != rows_of(table, in_elf)
+        for row, other in zip(rows_of(table, "mine.py:sphere"), rows_of(table, "sphere-fit"), strict=True):
+            # The function gets its samples as float32; a fit of noise alone multiplies this.
+            numbers, expected = ([cell for cell in cells if cell is not None] for cells in (row, other))
+            assert numbers == pytest.approx(expected, rel=1e-2, abs=1e-2)
     page = (tmp_path / "out" / "study.html").read_text(encoding="utf-8")
     assert "mine.elf:direct" in page
 
@@ -179,13 +214,55 @@ def test_a_sphere_errs_like_the_study_s_own_sphere(tmp_path: Path) -> None:
         (["float32", "--calibrator", "sphere-fit"], "sphere-fit"),
         (["estimators", "--calibrator", "sphere-fi"], "did you mean 'sphere-fit'?"),
         (["estimators", "--calibrator", "broken"], "broken of spin-sphere 1.2"),
+        (["budget", "--calibrator", "mine.py:sphere"], "not mine.py:sphere"),
+        (["estimators", "--calibrator", "mine.py"], "name its function, too: mine.py:calibrate"),
+        (["estimators", "--calibrator", "mine.py:pairs"], "takes accelerations, too"),
+        (["estimators", "--calibrator", "mine.py:raises"], "mine.py:raises fails with 100 samples: LookupError"),
+        (["estimators", "--calibrator", "gone.py:sphere"], "gone.py: No such file"),
     ],
 )
 def test_a_method_that_a_study_cannot_run_is_named(
-    words: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], named: str, files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run("study", *words, "--instances", "1", "--jobs", "1", "--out", str(tmp_path)) == 4
+    assert run("study", *words, "--instances", "1", "--jobs", "1", "--out", "out") == 4
     assert named in capsys.readouterr().err
+
+
+def test_a_function_in_c_has_cycles_that_can_be_chosen(files: Path, require_tool: Callable[[str], str]) -> None:
+    require_tool("arm-none-eabi-gcc")
+    table = table_of("choose", files / "out", "--calibrator", "mine.c:calibrate", "--calibrator", "mine.py:sphere")
+    assert rows_of(table, "mine.c:calibrate")[0][-2] == pytest.approx(4875, rel=0.01), "as hiltest judge counts"
+    assert rows_of(table, "mine.py:sphere")[0][-2] is None
+
+
+def test_several_calibrators_of_a_log_have_a_line_each(
+    files: Path, capsys: pytest.CaptureFixture[str], require_tool: Callable[[str], str]
+) -> None:
+    require_tool("arm-none-eabi-gcc")
+    names = ["mine.c:calibrate", "corrected", "mine.py:sphere", "sphere-fit"]
+    words = [word for name in [*names, "corrected"] for word in ("--calibrator", name)]
+    assert run("fit", "points.csv", *words) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [line[0] for line in lines if line[1:2] and line[1] in set(Acceptance)] == names
+    run("fit", "points.csv", *words, "--json")
+    fits = {fit["name"]: fit for fit in json.loads(capsys.readouterr().out)["calibrators"]}
+    assert list(fits) == names
+    assert fits["mine.py:sphere"]["hard_iron"] == pytest.approx(fits["sphere-fit"]["hard_iron"], rel=1e-4)
+    assert fits["corrected"]["cycles"] > 0
+    low, high = counts().min(axis=0), counts().max(axis=0)
+    assert fits["mine.c:calibrate"]["hard_iron"] == pytest.approx((low + high) / 20.0, rel=1e-5), "the template's"
+
+
+def test_a_function_on_the_core_gets_points_that_its_memory_holds(
+    files: Path, capsys: pytest.CaptureFixture[str], require_tool: Callable[[str], str]
+) -> None:
+    require_tool("arm-none-eabi-gcc")
+    many = draw_instances(Model(1, 20_000, 0.3), 0, 1).points_ut[0]
+    np.savetxt(files / "many.csv", many, delimiter=",", header="x_uT,y_uT,z_uT", comments="")
+    words = ["--calibrator", "mine.c:calibrate", "--calibrator", "mine.py:sphere", "--json"]
+    run("fit", "many.csv", *words)
+    fits = json.loads(capsys.readouterr().out)["calibrators"]
+    assert [fit["n_used"] for fit in fits] == [1000, 20_000]
 
 
 def test_firmware_without_calibrators_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

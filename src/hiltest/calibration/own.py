@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,6 +75,29 @@ class OwnCalibrator:
         return MagnetometerFit(
             FitStatus.ELLIPSOID, False, 0, soft_iron / length / _COUNTS_PER_UT, hard_iron * _COUNTS_PER_UT
         )
+
+
+class FileCalibrator(Protocol):
+    """A calibrator in a file of the user, FILE:FUNCTION; `hiltest.judge.entries` opens it."""
+
+    @property
+    def name(self) -> str:
+        """FILE:FUNCTION."""
+
+    @property
+    def most_points(self) -> int | None:
+        """Number of points that it takes; None for any."""
+
+    def calibrate(self, points_counts: ArrayLike) -> tuple[MagnetometerFit, int | None]:
+        """Calibrate from points, shape (n, 3) [counts]; also return its cycles, or None without a comparable count.
+
+        Raises
+        ------
+        ConfigError
+            If the function fails.
+        BoardFault
+            If it faults or does not return on the emulated core.
+        """
 
 
 def check_own_name(name: str, taken: Collection[str]) -> None:

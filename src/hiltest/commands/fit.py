@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -16,6 +16,7 @@ from click.core import ParameterSource
 from hiltest.commands.options import ErrorOutput, json_option, setting_option
 
 if TYPE_CHECKING:
+    from hiltest.calibration.own import FileCalibrator
     from hiltest.log_fitting import FieldUnit, Samples
     from hiltest.log_fitting.fit_result import SampleFit
 
@@ -31,6 +32,7 @@ Exit codes:
 """
 # Shapes that the calibrators fit.
 _ELLIPSOIDS = ("auto", "ellipsoid")
+_DEFAULT_CALIBRATORS = ("board",)
 _STANDARD_INPUT = Path("/dev/stdin")
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -56,11 +58,13 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option(
     "--calibrator",
+    "calibrators",
     metavar="NAME",
-    default="board",
+    multiple=True,
+    default=_DEFAULT_CALIBRATORS,
     show_default=True,
-    help="Run this calibrator, of the firmware or an installed package. board: all of the firmware. all: also float64 "
-    "references from the literature.",
+    help="Run this calibrator, of the firmware, an installed package, or FILE:FUNCTION as in hiltest judge. board: all "
+    "of the firmware. all: also float64 references from the literature. Can be repeated.",
 )
 @click.option(
     "--shape",
@@ -134,7 +138,7 @@ def fit(
     accelerometer_columns: str | None,
     accelerometer_log: Path | None,
     unit: str | None,
-    calibrator: str,
+    calibrators: tuple[str, ...],
     shape: str,
     field_ut: float | None,
     followed: tuple[str, ...],
@@ -190,7 +194,7 @@ def fit(
         from hiltest.log_fitting.followed_columns import following_sentences, subtract_followed
 
         read, following = subtract_followed(read, followed, robust=robust != "none")
-    fitted = _fit(read, calibrator, shape, on, firmware, robust=robust != "none", field_ut=field_ut)
+    fitted = _fit(read, calibrators, shape, on, firmware, robust=robust != "none", field_ut=field_ut)
     extra = [] if following is None else following_sentences(following, fitted.unit)
     extra += [] if at is None else [_compare_with_model(fitted, at)]
     fitted = replace(fitted, following=following, notes=(*extra, *fitted.notes))
@@ -271,7 +275,7 @@ def _part(samples: Samples, first: float | None, last: float | None, *, steady: 
 
 def _fit(
     samples: Samples,
-    calibrator: str,
+    calibrators: Sequence[str],
     shape: str,
     on: str,
     firmware: Path | None,
@@ -282,27 +286,35 @@ def _fit(
     from hiltest.log_fitting.sample_fit import fit_by_shape, fit_on_board, fit_on_host
 
     if shape not in _ELLIPSOIDS:
-        if calibrator != "board" or firmware is not None:
+        if tuple(calibrators) != _DEFAULT_CALIBRATORS or firmware is not None:
             raise click.UsageError(
                 f"--shape {shape} is not fitted by calibrators: leave out --calibrator and --firmware"
             )
         from hiltest.calibration.shapes import Shape
 
         return fit_by_shape(samples, Shape(shape), robust=robust, field_ut=field_ut)
-    if len(samples.columns) < samples.points.shape[1] and calibrator not in ("board", "all"):
+    named = [name for name in calibrators if name not in ("board", "all")]
+    if named and len(samples.columns) < samples.points.shape[1]:
         raise click.UsageError(
-            f"--calibrator {calibrator} needs three axes, and {samples.path} has only {' and '.join(samples.columns)}: "
+            f"--calibrator {named[0]} needs three axes, and {samples.path} has only {' and '.join(samples.columns)}: "
             "leave it out to fit the turn, or name three columns with --columns"
         )
     any_shape = shape == "auto"
     from hiltest.calibration import REFERENCES
     from hiltest.calibration.own import check_own_name, own_calibrator
 
-    check_own_name(calibrator, REFERENCES)
-    if on == "host" or (firmware is None and own_calibrator(calibrator) is not None):
+    selected: list[str | FileCalibrator] = [*calibrators]
+    if any(":" in name or Path(name).is_file() for name in named):
+        from hiltest.judge.entries import open_calibrators  # takes a second
+
+        selected = [*open_calibrators(calibrators)]
+    for name in named:
+        check_own_name(name, REFERENCES)
+    on_board = [one for one in selected if isinstance(one, str) and own_calibrator(one) is None]
+    if on == "host" or (firmware is None and not on_board):
         if firmware is not None:
             raise click.UsageError("--firmware is for the virtual board: leave out --on host")
-        return fit_on_host(samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
+        return fit_on_host(samples, *selected, robust=robust, any_shape=any_shape, field_ut=field_ut)
     from hiltest.boards import open_board
     from hiltest.rig.bench_files import DEFAULT_RIG, shipped
     from hiltest.rig.rig_file import load_rig
@@ -310,7 +322,7 @@ def _fit(
     # The packaged rig is used even if this folder has another: recorded samples do not depend on its world.
     rig = load_rig(shipped() / "rigs" / DEFAULT_RIG)
     with open_board(rig, firmware=firmware) as board:
-        return fit_on_board(board, samples, calibrator, robust=robust, any_shape=any_shape, field_ut=field_ut)
+        return fit_on_board(board, samples, *selected, robust=robust, any_shape=any_shape, field_ut=field_ut)
 
 
 def _show(fitted: SampleFit, *, as_json: bool) -> None:

@@ -108,7 +108,8 @@ def _is_given(option: str) -> bool:
     "calibrators",
     metavar="NAME",
     multiple=True,
-    help="Run this method, too: a float64 reference, or a calibrator of an installed package. Can be repeated.",
+    help="Run this method, too: a float64 reference, a calibrator of an installed package, or FILE:FUNCTION as in "
+    "hiltest judge. Can be repeated.",
 )
 @setting_option("seed", default="1", fallback="1", help="Set the seed; the same seed gives the same numbers.")
 @jobs_option()
@@ -146,17 +147,18 @@ def study(
     imu           errors of an IMU that remain after its calibrations
     """
     from hiltest.commands.options import ErrorOutput
+    from hiltest.judge.entries import open_calibrators
     from hiltest.processes import asked_to_end
     from hiltest.session.progress_line import ProgressLine
     from hiltest.session.settings import make_folder
-    from hiltest.studies.methods import own_methods
+    from hiltest.studies.methods import add_methods
     from hiltest.studies.study import Plan, PrintedFigure, study_of
     from hiltest.studies.study_page import PAGE_FILE, StudyDocument, printed_rows, study_table
     from hiltest.studies.study_run import run_study
 
     chosen = study_of(name)
-    methods = own_methods(firmware, calibrators) if firmware or calibrators else ()
-    plan = Plan(name, seed, instances or chosen.instances, points or chosen.points, methods=methods)
+    plan = Plan(name, seed, instances or chosen.instances, points or chosen.points)
+    plan = add_methods(plan, firmware, open_calibrators(calibrators))
     if name == "choose":
         plan = _plan_choice(plan, points, rig, noise_ut, coverage_percent, cycles)
     elif any(_is_given(option) for option in ("rig", "noise_ut", "coverage_percent", "cycles")):

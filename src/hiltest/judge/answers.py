@@ -32,6 +32,22 @@ class Answer:
     """Time on the host [us]."""
 
 
+class Cloud(Protocol):
+    """Samples to calibrate from."""
+
+    @property
+    def samples_ut(self) -> Array:
+        """Shape (n, 3) [uT]."""
+
+    @property
+    def accelerations_g(self) -> Array:
+        """Shape (n, 3): gravity at each sample, positive down."""
+
+    @property
+    def where(self) -> str:
+        """Name for messages, such as ``in world noise/17``."""
+
+
 class Entry(Protocol):
     """A calibrator to judge."""
 
@@ -51,8 +67,8 @@ class Entry(Protocol):
     def flash_bytes(self) -> int | None:
         """Size of its code and constants, if they are known."""
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the samples of a world."""
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from samples."""
 
 
 class Outcome(StrEnum):

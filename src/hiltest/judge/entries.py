@@ -3,30 +3,42 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from multiprocessing.util import Finalize
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from threading import get_ident
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from hiltest.budgets import SOURCE
+from hiltest.calibration.fit import Array, MagnetometerFit
+from hiltest.calibration.own import OwnCalibrator
+from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
-from hiltest.judge.answers import Answer, Entry
+from hiltest.judge.answers import Answer, Cloud
 from hiltest.judge.build import build_image, build_library, is_source
 from hiltest.judge.filters import HEADING, INIT, QUATERNION, UPDATE, HostFilter, ImageFilter, JudgedFilter
 from hiltest.judge.foreign_entries import ForeignCalibrator, ForeignFilter
 from hiltest.judge.host_calibrator import HostCalibrator
 from hiltest.judge.image_calibrator import CALIBRATE, CALIBRATE_PAIRS, ImageCalibrator
+from hiltest.judge.judgement import ranks_with
+from hiltest.judge.own_calibrators import OwnCalibrator as PackagedCalibrator
 from hiltest.judge.signature_table import ReadTable
 from hiltest.judge.worlds import RIG, World
 
-_PYTHON = re.compile(r"(?P<file>.+\.py):(?P<function>[A-Za-z_]\w*)")
+_FUNCTION = re.compile(r"(?P<file>.+):(?P<function>[A-Za-z_]\w*)")
 _ELF_MAGIC, _ARM = b"\x7fELF", 40
 _OTHERWISE = "name a source, a library or an ELF"
+_MOST_POINTS = 1000
 
 
 class SourceCalibrator:
@@ -34,31 +46,35 @@ class SourceCalibrator:
 
     def __init__(self, image: ImageCalibrator, host: HostCalibrator) -> None:
         self.name, self.built_by, self.flash_bytes = image.name, image.built_by, image.flash_bytes
+        self.takes_pairs = image.takes_pairs
         self._image, self._host = image, host
 
     @property
     def cycle_model(self) -> str:
         return self._image.cycle_model
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the samples of a world."""
-        answer = self._image.answer(world)
-        if world.family != RIG:
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from samples."""
+        answer = self._image.answer(cloud)
+        if not isinstance(cloud, World) or cloud.family != RIG:
             return answer
-        return replace(answer, host_us=self._host.answer(world).host_us)
+        return replace(answer, host_us=self._host.answer(cloud).host_us)
+
+
+OpenedCalibrator: TypeAlias = SourceCalibrator | ImageCalibrator | HostCalibrator
 
 
 @contextmanager
-def open_entry(named: str, function: str | None, part: str | None = None) -> Iterator[Entry]:
+def open_entry(named: str, function: str | None = None, part: str | None = None) -> Iterator[OpenedCalibrator]:
     """Open an entry.
 
     Parameters
     ----------
     named
-        A source (``.c``, ``.cc``, ``.cpp``, ``.cxx``), a shared library, ``module.py:function``, or an ELF for a
-        Cortex-M4.
+        A source (``.c``, ``.cc``, ``.cpp``, ``.cxx``), a shared library, a Python file, or an ELF for a Cortex-M4; with
+        ``:function`` behind it, which Python needs.
     function
-        Function of a file; by default that of the contract.
+        Function of a file without one; by default that of the contract.
     part
         Part of an image, or for which a source is compiled.
 
@@ -68,17 +84,17 @@ def open_entry(named: str, function: str | None, part: str | None = None) -> Ite
         If the file is none of these, cannot be compiled or loaded, or has no such function.
     """
     with ExitStack() as stack:
-        if python := _PYTHON.fullmatch(named):
-            file, name = Path(python["file"]), python["function"]
-            pairs = _python_takes_pairs(file, name)
-            yield stack.enter_context(HostCalibrator(named, file, name, takes_pairs=pairs))
-            return
         file = Path(named)
+        if match := _FUNCTION.fullmatch(named):
+            file, function = Path(match["file"]), match["function"]
         content = read_bounded(file, SOURCE, otherwise=_OTHERWISE)
         if file.suffix == ".py":
-            raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
-        if is_source(file):
-            yield _open_source(stack, file, content, function, part)
+            if match is None:
+                raise ConfigError(f"{named}: name its function, too: {named}:calibrate")
+            pairs = _python_takes_pairs(file, match["function"])
+            yield stack.enter_context(HostCalibrator(named, file, match["function"], takes_pairs=pairs))
+        elif is_source(file):
+            yield _open_source(stack, named, file, content, function, part)
         elif content[:4] != _ELF_MAGIC:
             raise ConfigError(
                 f"{named} is neither a source (.c, .cpp), a shared library, module.py:function, nor an ELF for a "
@@ -114,17 +130,86 @@ def open_foreign(named: str, table: ReadTable, part: str | None = None) -> Itera
 
 
 def _open_source(
-    stack: ExitStack, file: Path, content: bytes, function: str | None, part: str | None
+    stack: ExitStack, named: str, file: Path, content: bytes, function: str | None, part: str | None
 ) -> SourceCalibrator:
     name = function or _contract_in(content)
     if name.encode() not in content:
-        raise ConfigError(f"{file}: no function {name}; define it as hiltest_judge.h says, or name another: --function")
+        raise ConfigError(f"{file}: no function {name}; define it as hiltest_judge.h says, or name one: {file}:NAME")
     folder = Path(stack.enter_context(TemporaryDirectory(prefix="hiltest-judge-")))
     build = build_image(file, [name], folder, part=part)
-    image = ImageCalibrator(str(file), build.file, name, built_by=build.built_by, part=part)
+    image = ImageCalibrator(named, build.file, name, built_by=build.built_by, part=part)
     library = build_library(file, folder)
-    host = HostCalibrator(str(file), library.file, name, takes_pairs=image.takes_pairs)
+    host = HostCalibrator(named, library.file, name, takes_pairs=image.takes_pairs)
     return SourceCalibrator(image, stack.enter_context(host))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    samples_ut: Array
+    accelerations_g: Array
+
+    @property
+    def where(self) -> str:
+        return f"with {len(self.samples_ut)} samples"
+
+
+@dataclass(frozen=True, slots=True)
+class FileCalibrator:
+    """A calibrator in a file; see `hiltest.calibration.own.FileCalibrator`.
+
+    Parameters
+    ----------
+    name
+        FILE:FUNCTION, see `open_entry`.
+    """
+
+    name: str
+
+    @property
+    def most_points(self) -> int | None:
+        """As many points on the emulated core as in the worlds of `hiltest judge`, any number on the host."""
+        return None if isinstance(_opened(self.name), HostCalibrator) else _MOST_POINTS
+
+    def calibrate(self, points_counts: ArrayLike) -> tuple[MagnetometerFit, int | None]:
+        """Calibrate from points; the cycles are those of the calibrator if they rank with the packaged ones."""
+        entry, counts = _opened(self.name), np.asarray(points_counts, np.float64)
+        answer = entry.answer(_Points(counts / COUNTS_PER_UT, np.zeros_like(counts)))
+        calibration = None if answer.refused else (answer.hard_iron_ut, answer.soft_iron)
+        fit = OwnCalibrator(self.name, lambda _samples_ut: calibration)(counts)
+        return fit, answer.cycles if ranks_with(entry, PackagedCalibrator("direct")) else None
+
+
+def open_calibrators(names: Sequence[str]) -> list[str | FileCalibrator]:
+    """Open the calibrators that are files, FILE:FUNCTION, and return the other names as they are.
+
+    Raises
+    ------
+    ConfigError
+        As `open_entry` does; or if a function takes accelerations, or a file's function is not named.
+    """
+    calibrators: list[str | FileCalibrator] = []
+    for name in dict.fromkeys(names):
+        if ":" in name and _opened(name).takes_pairs:
+            raise ConfigError(f"{name} takes accelerations, too: only hiltest judge calls it")
+        if ":" not in name and Path(name).is_file():
+            raise ConfigError(f"{name}: name its function, too: {name}:{CALIBRATE}")
+        calibrators.append(FileCalibrator(name) if ":" in name else name)
+    return calibrators
+
+
+def _opened(named: str) -> OpenedCalibrator:
+    file = Path(named.rpartition(":")[0])
+    changed_ns = file.stat().st_mtime_ns if file.is_file() else 0
+    return _open_once(named, changed_ns, os.getpid(), get_ident())
+
+
+@cache
+def _open_once(named: str, _changed_ns: int, _process: int, _thread: int) -> OpenedCalibrator:
+    """Open a calibrator once per thread, since a fork shares the pipes of its process, until this process ends."""
+    stack = ExitStack()
+    entry = stack.enter_context(open_entry(named))
+    Finalize(None, stack.close, exitpriority=1)
+    return entry
 
 
 def _contract_in(content: bytes) -> str:
@@ -158,9 +243,10 @@ def is_python(named: str) -> bool:
 
 def is_filter(named: str, function: str | None) -> bool:
     """Return whether a file has a filter: a Python class, or the functions of the contract."""
-    if python := _PYTHON.fullmatch(named):
-        return _python_definition(Path(python["file"]), python["function"], ast.ClassDef) is not None
-    if function is not None:
+    match = _FUNCTION.fullmatch(named)
+    if match and is_python(named):
+        return _python_definition(Path(match["file"]), match["function"], ast.ClassDef) is not None
+    if match or function is not None:
         return False
     content = read_bounded(Path(named), SOURCE, otherwise=_OTHERWISE)
     return UPDATE.encode() in content and CALIBRATE.encode() not in content
@@ -170,8 +256,9 @@ def is_filter(named: str, function: str | None) -> bool:
 def open_filter(named: str) -> Iterator[JudgedFilter]:
     """Open a filter; the errors are those of `open_entry`."""
     with ExitStack() as stack:
-        if python := _PYTHON.fullmatch(named):
-            yield stack.enter_context(HostFilter(named, Path(python["file"]), python["function"]))
+        match = _FUNCTION.fullmatch(named)
+        if match and is_python(named):
+            yield stack.enter_context(HostFilter(named, Path(match["file"]), match["function"]))
             return
         file = Path(named)
         content = read_bounded(file, SOURCE, otherwise=_OTHERWISE)

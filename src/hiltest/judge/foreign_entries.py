@@ -8,12 +8,11 @@ from typing import Any
 
 from hiltest.calibration.fit import Array
 from hiltest.errors import BoardFault, ConfigError, nearest_hint
-from hiltest.judge.answers import Answer
+from hiltest.judge.answers import Answer, Cloud
 from hiltest.judge.filters import ImageFilter
 from hiltest.judge.foreign_calls import BoundCall, ForeignCalls
 from hiltest.judge.image_calibrator import TIMEOUT_S
 from hiltest.judge.signature_table import ReadTable
-from hiltest.judge.worlds import World
 from hiltest.virtual.board.cortex_m4 import VirtualCortexM4
 from hiltest.virtual.board.loading import load_running
 from hiltest.virtual.calls.calling import CallResult
@@ -71,14 +70,14 @@ class ForeignCalibrator:
         self._calls = ForeignCalls(*table, image, self._machine)
         self.cycle_model = ""
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the samples of a world; the errors are those of `ImageCalibrator.answer`."""
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from samples; the errors are those of `ImageCalibrator.answer`."""
         try:
-            answer = self._calls.calibrate(world.samples_ut, world.accelerations_g)
+            answer = self._calls.calibrate(cloud.samples_ut, cloud.accelerations_g)
         except BoardFault as fault:
-            raise fault.located(f"{self.name} in world {world.name}") from fault
+            raise fault.located(f"{self.name} {cloud.where}") from fault
         except ConfigError as error:
-            raise ConfigError(f"{error} in world {world.name}") from error
+            raise ConfigError(f"{error} {cloud.where}") from error
         first, *further = self._machine.results
         assert isinstance(first, CallProfile)
         self.cycle_model = first.cycle_model

@@ -10,9 +10,8 @@ import numpy as np
 
 from hiltest.errors import ConfigError
 from hiltest.judge import host_worker
-from hiltest.judge.answers import Answer
+from hiltest.judge.answers import Answer, Cloud
 from hiltest.judge.host_process import HostProcess
-from hiltest.judge.worlds import World
 
 TIMEOUT_S = 10.0
 """Longest time of one calibration."""
@@ -44,7 +43,7 @@ class HostCalibrator:
     flash_bytes: int | None = None
 
     def __init__(self, name: str, file: Path, function: str, *, takes_pairs: bool, built_by: str = "") -> None:
-        self.name, self.built_by, self._takes_pairs = name, built_by, takes_pairs
+        self.name, self.built_by, self.takes_pairs = name, built_by, takes_pairs
         mode = host_worker.PAIRS if takes_pairs else host_worker.CALIBRATE
         self._process = HostProcess(name, file, function, mode)
 
@@ -56,22 +55,21 @@ class HostCalibrator:
     ) -> None:
         self._process.close()
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the samples of a world.
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from samples.
 
         Raises
         ------
         ConfigError
             If the function fails, ends the process, writes outside its outputs, or takes more than `TIMEOUT_S`.
         """
-        inputs = [world.samples_ut, world.accelerations_g] if self._takes_pairs else [world.samples_ut]
+        inputs = [cloud.samples_ut, cloud.accelerations_g] if self.takes_pairs else [cloud.samples_ut]
         request = b"".join(numbers.astype("<f4").tobytes() for numbers in inputs)
-        self._process.send(f"{len(world.samples_ut)}\n".encode() + request)
-        where = f"in world {world.name}"
-        status, microseconds = self._process.read_line(where, TIMEOUT_S).split()
-        numbers = _ANSWER.unpack(self._process.read_bytes(_ANSWER.size, where, TIMEOUT_S))
+        self._process.send(f"{len(cloud.samples_ut)}\n".encode() + request)
+        status, microseconds = self._process.read_line(cloud.where, TIMEOUT_S).split()
+        numbers = _ANSWER.unpack(self._process.read_bytes(_ANSWER.size, cloud.where, TIMEOUT_S))
         if int(status) == host_worker.WRITES_OUTSIDE:
-            raise ConfigError(f"{self.name} writes outside hard_iron and soft_iron {where}")
+            raise ConfigError(f"{self.name} writes outside hard_iron and soft_iron {cloud.where}")
         return Answer(
             int(status) == host_worker.REFUSED,
             np.array(numbers[:3]),

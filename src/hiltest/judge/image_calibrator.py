@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hiltest.errors import BoardFault, ConfigError
-from hiltest.judge.answers import Answer
-from hiltest.judge.worlds import World
+from hiltest.judge.answers import Answer, Cloud
 from hiltest.virtual.calls.calling import find_function
 from hiltest.virtual.profiling.image import ProfiledImage
 
@@ -57,8 +56,8 @@ class ImageCalibrator:
             )
         self.cycle_model = ""
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the samples of a world.
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from samples.
 
         Raises
         ------
@@ -67,19 +66,19 @@ class ImageCalibrator:
         ConfigError
             If it writes outside its outputs.
         """
-        samples = world.samples_ut.astype(np.float32)
-        inputs = [samples, world.accelerations_g.astype(np.float32)] if self.takes_pairs else [samples]
+        samples = cloud.samples_ut.astype(np.float32)
+        inputs = [samples, cloud.accelerations_g.astype(np.float32)] if self.takes_pairs else [samples]
         before = [numbers.copy() for numbers in inputs]
         hard_iron, soft_iron = (_guarded(size) for size in (3, 9))
         try:
             called = self._image.call(self._function, *inputs, len(samples), hard_iron, soft_iron, timeout_s=TIMEOUT_S)
         except BoardFault as fault:
-            raise fault.located(f"{self.name} in world {world.name}") from fault
+            raise fault.located(f"{self.name} {cloud.where}") from fault
         self.cycle_model = called.cycle_model
         changed = not all(np.array_equal(one, other) for one, other in zip(inputs, before, strict=True))
         overwritten = changed or any((output[-_GUARDS:] != _GUARD).any() for output in (hard_iron, soft_iron))
         if overwritten:
-            raise ConfigError(f"{self.name} writes outside hard_iron and soft_iron in world {world.name}")
+            raise ConfigError(f"{self.name} writes outside hard_iron and soft_iron {cloud.where}")
         return Answer(
             bool(called.value),
             hard_iron[:3].astype(float),

@@ -251,7 +251,7 @@ def _median_ratio(logs: Sequence[float], confidence: float) -> Estimate:
     return Estimate(math.exp(median_log.value), low, high)
 
 
-def ranks_with(one: EntryResult | FilterResult, other: EntryResult | FilterResult) -> bool:
+def ranks_with(one: EntryResult | FilterResult | Entry, other: EntryResult | FilterResult | Entry) -> bool:
     """Return whether the cycles of two entries can be ranked: one cycle model, and one compiler that is known."""
     compilers = [compiler_in(entry.built_by) for entry in (one, other)]
     return one.cycle_model == other.cycle_model and compilers[0] == compilers[1] != ""

@@ -12,8 +12,7 @@ from hiltest.boards.bench import default_firmware
 from hiltest.calibration.fit import MagnetometerFit
 from hiltest.calibration.quality import COUNTS_PER_UT
 from hiltest.json_files import read_json
-from hiltest.judge.answers import Answer, Entry
-from hiltest.judge.worlds import World
+from hiltest.judge.answers import Answer, Cloud, Entry
 from hiltest.studies.board_calibrators import BoardCalibrators, board_calibrators, parse_fit
 from hiltest.virtual.board.k64f import VirtualK64F
 from hiltest.virtual.calls.buffers import Address, Structure
@@ -41,9 +40,9 @@ class OwnCalibrator:
         self.cycle_model = self._board.cycle_model
         self.built_by = packaged_compiler()
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the samples of a world."""
-        return _answer(*self._board.calibrate(self.name, np.rint(COUNTS_PER_UT * world.samples_ut)))
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from samples."""
+        return _answer(*self._board.calibrate(self.name, np.rint(COUNTS_PER_UT * cloud.samples_ut)))
 
 
 class OwnJoint:
@@ -57,10 +56,10 @@ class OwnJoint:
         self.cycle_model = board_calibrators().cycle_model
         self.built_by = packaged_compiler()
 
-    def answer(self, world: World) -> Answer:
-        """Calibrate from the pairs of a world."""
-        counts = np.rint(COUNTS_PER_UT * world.samples_ut).astype("<i2")
-        gravity = np.rint(_COUNTS_PER_G * world.accelerations_g).astype("<i2")
+    def answer(self, cloud: Cloud) -> Answer:
+        """Calibrate from pairs."""
+        counts = np.rint(COUNTS_PER_UT * cloud.samples_ut).astype("<i2")
+        gravity = np.rint(_COUNTS_PER_G * cloud.accelerations_g).astype("<i2")
         ends = np.concatenate([counts.min(axis=0), counts.max(axis=0)])
         pairs = Structure(Address(counts), Address(gravity), np.array([len(counts)], "<u2"), ends)
         known = _KNOWN.pack(*(np.eye(3) / _COUNTS_PER_G).ravel(), 0.0, 0.0, 0.0, 0.0, 0)

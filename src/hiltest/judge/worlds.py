@@ -104,9 +104,9 @@ class World:
     poses: Poses
 
     @property
-    def name(self) -> str:
-        """Return the name for messages, such as ``noise/17``."""
-        return f"{self.family}/{self.number}"
+    def where(self) -> str:
+        """Return the world for messages, such as ``in world noise/17``."""
+        return f"in world {self.family}/{self.number}"
 
     @cached_property
     def clean_readings_ut(self) -> Array:

@@ -101,10 +101,13 @@ def _left_out_notes(fit: SampleFit) -> Iterator[str]:
         return
     runs = [f"{first}" if first == last else f"{first} to {last}" for first, last in fit.dropped]
     more = f" and {len(runs) - _NAMED_RUNS} more places (--json has all)" if len(runs) > _NAMED_RUNS else ""
-    kind = "line" if fit.n_dropped == 1 else "lines"
+    kind = "lines" if len(runs) > 1 or " to " in runs[0] else "line"
+    own = fit.n_in - fit.n_repeated
+    among = f"the {own} readings that repeat none" if fit.n_repeated else f"{own} readings"
+    repeated = ", with their repeats" if fit.n_repeated else ""
     yield (
-        f"{fit.n_dropped} of {fit.n_in} readings were left out, further than {FURTHEST:g} times the scatter from the "
-        f"ellipsoid of the others: {kind} {', '.join(runs[:_NAMED_RUNS])}{more}."
+        f"{fit.n_dropped} of {among} were left out, further than {FURTHEST:g} times the scatter "
+        f"from the ellipsoid of the others: {kind} {', '.join(runs[:_NAMED_RUNS])}{more}{repeated}."
     )
-    if fit.n_dropped > MANY_LEFT_OUT * fit.n_in:
+    if fit.n_dropped > MANY_LEFT_OUT * own:
         yield "So many may have affected the fit: check --html, and use the part of the log without them."

@@ -191,14 +191,14 @@ class SampleFit:
     n_in: int
     n_skipped: int
     n_repeated: int
-    """Readings; rows without three finite numbers; readings equal to the one before and not dropped."""
+    """Readings; rows without three finite numbers; readings equal to the one before."""
     robust: str
     """``tukey``: repetitions of the previous reading and outliers of the ellipsoid were omitted. ``none``: no readings
     were."""
     n_dropped: int
-    """Number of outliers of the ellipsoid."""
+    """Number of outliers of the ellipsoid among the readings that repeat none."""
     dropped: tuple[tuple[int, int], ...]
-    """First and last line of each run of them; without a file, numbers of readings from 1."""
+    """First and last line of each run of them and their repetitions; without a file, numbers of readings from 1."""
     in_order: bool
     """True if the rows are in the order of time: false if a reading is as far from the next one as from any other."""
     at_rest: bool

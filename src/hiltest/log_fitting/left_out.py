@@ -21,9 +21,9 @@ class OmittedReadings:
     robust: bool
     """True if readings are omitted at all."""
     repeated: Mask
-    """Shape (n,). Mask of readings that equal the previous one and are not dropped."""
+    """Shape (n,). Mask of readings that equal the previous one."""
     dropped: Mask
-    """Shape (n,). Mask of outliers of the others' ellipsoid."""
+    """Shape (n,). Mask of outliers of the others' ellipsoid, and of their repetitions."""
 
     @property
     def rest(self) -> Samples:
@@ -33,10 +33,14 @@ class OmittedReadings:
         return rows(self.samples, ~(self.repeated | self.dropped))
 
     @property
+    def n_dropped(self) -> int:
+        """Number of outliers without repetitions."""
+        return int((self.dropped & ~self.repeated).sum())
+
+    @property
     def dropped_percent(self) -> float:
-        """Dropped readings, relative to those that are not repetitions [%]."""
-        own = ~repeats(self.samples.points)
-        return 100.0 * float((self.dropped & own).sum()) / float(own.sum())
+        """Outliers, relative to the readings that are not repetitions [%]."""
+        return 100.0 * self.n_dropped / float((~self.repeated).sum())
 
     @property
     def dropped_lines(self) -> tuple[tuple[int, int], ...]:
@@ -55,4 +59,4 @@ def left_out(samples: Samples, *, robust: bool = True) -> OmittedReadings:
     """Determine the readings to omit from samples; none if not robust."""
     repeated = repeats(samples.points)
     dropped = outliers(samples.points) if robust else np.zeros_like(repeated)
-    return OmittedReadings(samples, robust, repeated & ~dropped, dropped)
+    return OmittedReadings(samples, robust, repeated, dropped)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from itertools import chain
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from hiltest.calibration import FASTER, FIRMWARE, FOR_COMPARISON, REFERENCES, re
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.fit import Array, FitStatus, MagnetometerFit
+from hiltest.calibration.own import FileCalibrator, own_calibrator
 from hiltest.calibration.quality import direction_difference_rms_deg
 from hiltest.calibration.shapes import Shape, allowed_shape
 from hiltest.calibration.solid_angle import largest_hole
@@ -30,14 +32,14 @@ if TYPE_CHECKING:
 
 #: Selections instead of one calibrator's name: those of the board, and also all with a reference.
 BOARD, ALL = "board", "all"
+Selected: TypeAlias = str | FileCalibrator
 # Refusals that apply to any shape.
 _OF_ANY_SHAPE = {"residual_of_spread", "halves_difference"}
 
 
 def fit_on_host(
     samples: Samples,
-    calibrator: str = BOARD,
-    *,
+    *calibrators: Selected,
     robust: bool = True,
     any_shape: bool = True,
     field_ut: float | None = None,
@@ -46,8 +48,8 @@ def fit_on_host(
 
     Parameters
     ----------
-    calibrator
-        A name, `BOARD` or `ALL`.
+    *calibrators
+        Names and calibrators in files, `BOARD` (by default) or `ALL`.
     robust
         True to omit the readings of `hiltest.log_fitting.left_out.left_out`.
     any_shape
@@ -61,17 +63,16 @@ def fit_on_host(
         When a calibrator has no reference, or the field is given and the unit of the samples is unknown.
     """
     of_groups = {BOARD: FIRMWARE - FASTER - FOR_COMPARISON, ALL: REFERENCES.keys() - FASTER}
-    names = sorted(of_groups.get(calibrator, {calibrator}))
+    several = bool({BOARD, ALL}.intersection(calibrators or (BOARD,)))
     log = _Log(samples, robust, field_ut)
-    scale = CountScale.choose(log.kept)
-    counts = scale.unrounded(log.kept.points)
-    fits = [log.reference(name, scale, counts) for name in names]
-    return log.fit(
-        "host",
-        None,
-        log.add_shape(fits) if any_shape and calibrator in of_groups else fits,
-        fit_gravity=calibrator in of_groups,
-    )
+    fits = [log.fit_on_host(one) for one in _expand(calibrators, {name: sorted(of_groups[name]) for name in of_groups})]
+    return log.fit("host", None, log.add_shape(fits) if any_shape and several else fits, fit_gravity=several)
+
+
+def _expand(calibrators: Sequence[Selected], of_groups: Mapping[str, Sequence[str]]) -> list[Selected]:
+    """Return the calibrators with the members of groups in their place, each of them once."""
+    groups = (of_groups.get(one, [one]) if isinstance(one, str) else [one] for one in calibrators or (BOARD,))
+    return list(dict.fromkeys(chain.from_iterable(groups)))
 
 
 def fit_by_shape(samples: Samples, shape: Shape, *, robust: bool = True, field_ut: float | None = None) -> SampleFit:
@@ -83,8 +84,7 @@ def fit_by_shape(samples: Samples, shape: Shape, *, robust: bool = True, field_u
 def fit_on_board(
     board: Board,
     samples: Samples,
-    calibrator: str = BOARD,
-    *,
+    *calibrators: Selected,
     robust: bool = True,
     any_shape: bool = True,
     field_ut: float | None = None,
@@ -95,9 +95,9 @@ def fit_on_board(
     ----------
     board
         Board whose point buffer is replaced.
-    calibrator
-        A name as in the board's identity, `BOARD`, or `ALL`, which adds the references of calibrators that the board
-        lacks.
+    *calibrators
+        Names as in the board's identity, `BOARD` (by default), or `ALL`, which adds the references of calibrators that
+        the board lacks; those of installed packages and in files run on the host.
     robust, any_shape, field_ut
         See `fit_on_host`; a shape is fitted on the host.
 
@@ -115,30 +115,34 @@ def fit_on_board(
     from hiltest.procedures.calibrate import calibrate_once  # takes 0.1 s, which a fit on the host does not need
     from hiltest.procedures.cycles import upload_points
 
-    calibrators = board.identity.calibrators
-    several = calibrator in (BOARD, ALL)
-    if not several and calibrator not in calibrators:
-        raise ConfigError(
-            f"the firmware has no calibrator {calibrator!r}; it has {', '.join(calibrators)}; "
-            + (
-                f"--on host runs the reference {calibrator}"
-                if calibrator in REFERENCES
-                else nearest_hint(calibrator, [*calibrators, *REFERENCES])
+    in_board = board.identity.calibrators
+    several = bool({BOARD, ALL}.intersection(calibrators or (BOARD,)))
+    of_groups = {
+        BOARD: [name for name in in_board if name not in FOR_COMPARISON],
+        ALL: [*in_board, *sorted(REFERENCES.keys() - FASTER - set(in_board))],
+    }
+    selected = _expand(calibrators, of_groups)
+    for name in calibrators:
+        if isinstance(name, str) and name not in (*of_groups, *in_board) and own_calibrator(name) is None:
+            raise ConfigError(
+                f"the firmware has no calibrator {name!r}; it has {', '.join(in_board)}; "
+                + (
+                    f"--on host runs the reference {name}"
+                    if name in REFERENCES
+                    else nearest_hint(name, [*in_board, *REFERENCES])
+                )
             )
-        )
     log = _Log(samples, robust, field_ut)
-    rest, scale = log.kept, CountScale.choose(log.kept)
-    counts = scale.unrounded(rest.points)
-    about = fit_direct(counts)
-    centre = scale.convert_fit(about).hard_iron if about.has_fit else rest.points.mean(axis=0)
-    used = rest.points[evenly_on_sphere(rest.points, board.identity.max_points, centre)]
+    scale, used = log.scale, log.choose_evenly(board.identity.max_points)
     upload_points(board, scale.counts(used))
     fits = []
-    several_names = [name for name in calibrators if calibrator == ALL or name not in FOR_COMPARISON]
-    for name in several_names if several else [calibrator]:
+    for name in selected:
+        if not isinstance(name, str) or name not in in_board:
+            fits.append(log.fit_on_host(name))
+            continue
         fit, cost = calibrate_once(board, name, len(used))
         result = log.rating.calibrator(name, scale.convert_fit(fit), used)
-        whole = REFERENCES[name](counts) if name in REFERENCES else None
+        whole = REFERENCES[name](log.counts) if name in REFERENCES else None
         band = board.cycle_range(cost, name)
         fits.append(
             replace(
@@ -148,9 +152,6 @@ def fit_on_board(
                 host_difference_deg=_difference_deg(fit, whole),
             )
         )
-    if calibrator == ALL:
-        others = sorted(REFERENCES.keys() - FASTER - set(calibrators))
-        fits += [log.reference(name, scale, counts) for name in others]
     rounding = scale.counts(used) / scale.per_unit + scale.origin - used
     firmware = FirmwareUsed(
         name=board.identity.name,
@@ -180,6 +181,8 @@ class _Log:
         # A growth looks like a step of some hard iron as well.
         self._change = field_change(samples) if self._growth is None else None
         self.rating = Rating(self.kept, self._change, self._growth)
+        self.scale = CountScale.choose(self.kept)
+        self.counts = self.scale.unrounded(self.kept.points)
 
     @property
     def field(self) -> float | None:
@@ -187,9 +190,23 @@ class _Log:
         microtesla = self._samples.microtesla
         return None if self._field_ut is None or microtesla is None else self._field_ut / microtesla
 
-    def reference(self, name: str, scale: CountScale, counts: Array) -> CalibratorFit:
-        """Fit a reference to the log in counts, and rate it."""
-        return self.rating.calibrator(name, scale.convert_fit(reference(name)(counts)), self.kept.points)
+    def fit_on_host(self, calibrator: Selected) -> CalibratorFit:
+        """Fit a reference, or the calibrator of a package or a file, to the log in counts, and rate it."""
+        if isinstance(calibrator, str):
+            name, fit, used = calibrator, reference(calibrator)(self.counts), self.kept.points
+        else:
+            used = self.choose_evenly(calibrator.most_points or len(self.counts))
+            name, (fit, _) = calibrator.name, calibrator.calibrate(self.scale.unrounded(used))
+        return self.rating.calibrator(name, self.scale.convert_fit(fit), used)
+
+    def choose_evenly(self, most: int) -> Array:
+        """Return at most this many points of the log, chosen evenly on the sphere."""
+        points = self.kept.points
+        if len(points) <= most:
+            return points
+        about = fit_direct(self.counts)
+        centre = self.scale.convert_fit(about).hard_iron if about.has_fit else points.mean(axis=0)
+        return points[evenly_on_sphere(points, most, centre)]
 
     def shape(self, shape: Shape, field: float | None) -> CalibratorFit:
         """Fit a shape to the log, and rate it."""
@@ -227,7 +244,7 @@ class _Log:
             n_skipped=samples.skipped,
             n_repeated=int(gone.repeated.sum()),
             robust="tukey" if gone.robust else "none",
-            n_dropped=int(gone.dropped.sum()),
+            n_dropped=gone.n_dropped,
             dropped=gone.dropped_lines,
             in_order=is_in_order_of_time(self.kept),
             at_rest=is_at_rest(self.kept),

@@ -54,7 +54,7 @@ def print_fit(fit: SampleFit, console: Console) -> None:
     shown = _select_shown(fit)
     grid = _grid(shown)
     unlimited = console.options.update(max_width=10 * WIDTH)
-    if console.measure(grid, options=unlimited).maximum > WIDTH:
+    if len(shown.calibrators) > 2 or console.measure(grid, options=unlimited).maximum > WIDTH:
         grid = _grid_of_rows(shown)
     console.print(grid, width=min(WIDTH, console.width))
     if fit.gravity is not None and not fit.gravity.unused:

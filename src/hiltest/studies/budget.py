@@ -45,7 +45,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     numbers: list[float | int] = []
     files: dict[str | None, list[str]] = {None: list(NAMES)}
     for method in plan.methods:
-        elf, name = split_firmware_method(method, "budget")
+        elf, name = split_firmware_method(plan, method)
         files.setdefault(elf, []).append(name)
     with ExitStack() as stack:
         rig = load_rig(shipped() / "rigs" / "virtual-k64f.toml")

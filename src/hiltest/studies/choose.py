@@ -63,8 +63,10 @@ def measure(plan: Plan, block: Block) -> Numbers:
     numbers: list[float | int] = []
     for k in range(block.count):
         for name in plan.names(board.names):
-            fit, cycles = (board.calibrate if name in board.names else calibrate)(name, drawn.counts(k))
-            error_deg = drawn.direction_error_deg(k, counted_fit(fit, drawn.counts(k)), model.field_ut)
+            counts = drawn.counts(k)
+            in_board = name in board.names
+            fit, cycles = board.calibrate(name, counts) if in_board else calibrate(plan, name, counts)
+            error_deg = drawn.direction_error_deg(k, counted_fit(fit, counts), model.field_ut)
             numbers += [error_deg, int(fit.status is FitStatus.ELLIPSOID), cycles or 0]
     return numbers
 

@@ -38,7 +38,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     drawn = draw_instances(model, block.first, block.count)
     shares = [compensated(drawn, fit_quadrics(drawn.points_ut))]
     for method in plan.methods:
-        fits = [calibrate(method, COUNTS_PER_UT * points_ut)[0] for points_ut in drawn.points_ut]
+        fits = [calibrate(plan, method, COUNTS_PER_UT * points_ut)[0] for points_ut in drawn.points_ut]
         good = np.array([fit.status is FitStatus.ELLIPSOID for fit in fits])
         soft_iron = np.array([COUNTS_PER_UT * fit.soft_iron for fit in fits])[good]
         centre_ut = np.array([fit.hard_iron / COUNTS_PER_UT for fit in fits])[good]

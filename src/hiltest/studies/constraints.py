@@ -51,7 +51,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
         for method in METHODS.values():
             numbers += _method_figures(clouds, best, method.solve(clouds))
         for name in plan.methods:
-            fit, _ = calibrate(name, _COUNTS * clouds.points)
+            fit, _ = calibrate(plan, name, _COUNTS * clouds.points)
             ellipsoid = Solution(fit.soft_iron * _COUNTS, fit.hard_iron / _COUNTS, np.array(fit.status, np.int8))
             numbers += _method_figures(clouds, best, ellipsoid)
     return numbers

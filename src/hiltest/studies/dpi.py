@@ -67,18 +67,16 @@ def measure(plan: Plan, block: Block) -> Numbers:
     for instance in range(block.first, block.first + block.count):
         random = np.random.Generator(np.random.Philox(key=[plan.seed, instance]))
         if block.condition:
-            numbers += _screw_numbers(random, SCREW_MM[block.condition - 1], plan.methods)
+            numbers += _screw_numbers(random, SCREW_MM[block.condition - 1], plan)
             continue
         magnetometer, accelerometer = draw_sensor(random, 8.0, 0.2, 0.5), draw_sensor(random, 0.5, 0.05, 0.1)
-        errors, gravity_fit, _, dpi_fit = _errors_deg(
-            random, magnetometer, accelerometer, judged_attitudes(), plan.methods
-        )
+        errors, gravity_fit, _, dpi_fit = _errors_deg(random, magnetometer, accelerometer, judged_attitudes(), plan)
         remaining_deg = rotation_left_deg(dpi_fit, magnetometer.response)
         numbers += [*errors, remaining_deg, rotation_left_deg(gravity_fit, accelerometer.response)]
     return numbers
 
 
-def _screw_numbers(random: np.random.Generator, distance_mm: float, own: Sequence[str]) -> list[float]:
+def _screw_numbers(random: np.random.Generator, distance_mm: float, plan: Plan) -> list[float]:
     """Return the numbers of a factory-calibrated part on a level table, with a screw in any direction."""
     magnetometer, accelerometer = draw_sensor(random, 0.5, 0.05, 0.1), draw_sensor(random, 0.5, 0.05, 0.1)
     towards, axis = (vector / np.linalg.norm(vector) for vector in random.standard_normal((2, 3)))
@@ -87,7 +85,7 @@ def _screw_numbers(random: np.random.Generator, distance_mm: float, own: Sequenc
     disturbed = Sensor(
         magnetometer.response @ (np.eye(3) + effect), magnetometer.offset + magnetometer.response @ hard_iron
     )
-    errors, _, norm_fit, _ = _errors_deg(random, disturbed, accelerometer, judged_attitudes()[:24], own)
+    errors, _, norm_fit, _ = _errors_deg(random, disturbed, accelerometer, judged_attitudes()[:24], plan)
     return [*errors, rotation_left_deg(norm_fit, disturbed.response), float(np.linalg.norm(hard_iron))]
 
 
@@ -123,7 +121,7 @@ def screw_effect(towards: Array, axis: Array, distance_mm: float) -> Array:
 
 
 def _errors_deg(
-    random: np.random.Generator, magnetometer: Sensor, accelerometer: Sensor, judged: Rotation, own: Sequence[str]
+    random: np.random.Generator, magnetometer: Sensor, accelerometer: Sensor, judged: Rotation, plan: Plan
 ) -> tuple[list[float], MagnetometerFit, MagnetometerFit, MagnetometerFit]:
     """Return the largest errors by method and angle, and the fits: gravity's, the field's by norms, and by dpi."""
     down, field = _vectors(Rotation.random(_SAMPLES, rng=random))
@@ -141,7 +139,10 @@ def _errors_deg(
         (readings_down, readings),
         (gravity_fit.corrected(readings_down), norm_fit.corrected(readings)),
         (gravity_fit.corrected(readings_down), dpi_fit.corrected(readings)),
-        *((gravity_fit.corrected(readings_down), calibrate(name, counts)[0].corrected(readings)) for name in own),
+        *(
+            (gravity_fit.corrected(readings_down), calibrate(plan, name, counts)[0].corrected(readings))
+            for name in plan.methods
+        ),
     ):
         off_deg = (attitudes_deg(corrected_down, corrected) - true_deg + 180.0) % 360.0 - 180.0
         errors += np.abs(off_deg).max(axis=0).tolist()

@@ -33,7 +33,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     if not plan.methods:
         return (count(model, block.first, block.count),)
     points = COUNTS_PER_UT * draw_instances(model, block.first, block.count).points_ut
-    own = [sum(calibrate(name, one)[0].status != FitStatus.ELLIPSOID for one in points) for name in plan.methods]
+    own = [sum(calibrate(plan, name, one)[0].status != FitStatus.ELLIPSOID for one in points) for name in plan.methods]
     return count(model, block.first, block.count), *own
 
 

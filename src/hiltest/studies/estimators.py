@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
@@ -65,21 +66,22 @@ def measure(plan: Plan, block: Block) -> Numbers:
     drawn = draw_instances(model, block.first, block.count)
     numbers: list[float | int] = []
     for k in range(block.count):
-        for fit in _fits(drawn, k, plan.names(NAMES)):
+        for fit in _fits(drawn, k, plan):
             numbers += [drawn.direction_error_deg(k, fit, model.field_ut), int(fit.status is FitStatus.ELLIPSOID)]
     return numbers
 
 
-def _fits(drawn: Instances, k: int, names: Sequence[str]) -> list[MagnetometerFit]:
+def _fits(drawn: Instances, k: int, plan: Plan) -> list[MagnetometerFit]:
     points = COUNTS_PER_UT * drawn.points_ut[k]
-    fits = (estimate(name, points) for name in names[2:])
+    names = plan.names(NAMES)[2:]
+    fits = (estimate(name, points) if name in REFERENCES else calibrate(plan, name, points)[0] for name in names)
     return [no_fit(FitStatus.SINGULAR), fit_sphere(points), *(counted_fit(fit, points) for fit in fits)]
 
 
 def estimate(name: str, points: Array) -> MagnetometerFit:
-    """Return the fit of a calibrator that refuses nothing by its predicted error."""
+    """Return the fit of a reference that refuses nothing by its predicted error."""
     if name not in BATCHES:
-        return calibrate(name, points)[0]
+        return REFERENCES[name](points, largest_error_deg=math.inf)
     batch = BATCHES[name](points)
     if not batch.is_ellipsoid:
         return no_fit(FitStatus.NOT_AN_ELLIPSOID)

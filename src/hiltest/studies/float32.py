@@ -57,7 +57,7 @@ def measure(plan: Plan, block: Block) -> Numbers:
     for k in range(block.count):
         counts = drawn.counts(k)
         for name in names(plan):
-            file, in_table = split_firmware_method(name, "float32") if name in plan.methods else (None, name)
+            file, in_table = split_firmware_method(plan, name) if name in plan.methods else (None, name)
             calibrators = board if file is None else board_calibrators(Path(file))
             single = about_zero(counts) if name == ABOUT_ZERO else calibrators.calibrate(in_table, counts)[0]
             double = reference("direct" if name == ABOUT_ZERO else in_table)(counts)

@@ -71,16 +71,16 @@ def measure(plan: Plan, block: Block) -> Numbers:
         counts = drawn.counts(k)
         centred = counts - counts.mean(axis=0)
         for method in plan.names(METHODS):
-            numbers += [_rms(method, points, model.field_ut * COUNTS_PER_UT) for points in (counts, centred)]
+            numbers += [_rms(plan, method, points, model.field_ut * COUNTS_PER_UT) for points in (counts, centred)]
         numbers.append(int(is_same_for_li(counts.astype(np.int64))))
     return numbers
 
 
-def _rms(method: str, counts: Array, field_counts: float) -> float:
+def _rms(plan: Plan, method: str, counts: Array, field_counts: float) -> float:
     """Return the rms deviation of the norms from 1; 0 if there is no fit."""
     if method == UNCALIBRATED:
         return float(np.sqrt(np.mean((1.0 - np.linalg.norm(counts, axis=1) / field_counts) ** 2)))
-    fit = REFERENCES[method](counts) if method in REFERENCES else calibrate(method, counts)[0]
+    fit = REFERENCES[method](counts) if method in REFERENCES else calibrate(plan, method, counts)[0]
     return residual_percent(counts, fit) / 100.0 if fit.status is FitStatus.ELLIPSOID else 0.0
 
 

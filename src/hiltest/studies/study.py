@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TypeAlias
 
+from hiltest.calibration.own import FileCalibrator
 from hiltest.measurement import Measurement
 from hiltest.report.svg import Figure
 from hiltest.run_record.run import Run, Table
@@ -47,6 +48,8 @@ class Plan:
     """Conditions for the study `choose`."""
     methods: tuple[str, ...] = ()
     """Methods of one's own, by the names of `hiltest.studies.methods`."""
+    files: tuple[FileCalibrator, ...] = ()
+    """Those of the methods that are functions of files, FILE:FUNCTION."""
 
     def names(self, of_the_study: Sequence[str]) -> tuple[str, ...]:
         """Return the names of a study's methods, and those of one's own after them."""

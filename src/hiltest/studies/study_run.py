@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, astuple
+from dataclasses import asdict, astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +110,8 @@ def _saved_blocks(plan: Plan, journal: Path) -> dict[int, Numbers]:
 
 
 def _as_json(plan: Plan) -> dict[str, Any]:
-    return asdict(plan) | {"methods": list(plan.methods)}
+    numbers = asdict(replace(plan, files=())) | {"methods": list(plan.methods)}
+    return {name: value for name, value in numbers.items() if name != "files"}
 
 
 def _describe_start(start: Mapping[str, Any]) -> str:
