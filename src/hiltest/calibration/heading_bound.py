@@ -76,6 +76,11 @@ class HeadingBound:
         """Largest error of an efficient calibrator that half of all runs exceed."""
         return float(np.median(self._largest_deg))
 
+    @property
+    def largest_in_99_percent_deg(self) -> float:
+        """Largest error that an efficient calibrator exceeds in one run of 100."""
+        return float(np.quantile(self._largest_deg, 0.99))
+
     def chance(self, largest_deg: float) -> float:
         """Return the probability that the largest error of an efficient calibrator is as small.
 
