@@ -193,9 +193,10 @@ def test_work_that_is_added_to_a_foreign_compass_is_worse_and_explained_by_its_l
     explained = checked(in_process.hiltest("explain", *words, folder=tmp_path).stdout, "hiltest.explanation/1")
     worse = [change["name"] for change in explained["changes"] if change["change"] == "worse"]
     assert ("cycles.awake.share" in worse, "cycles.background.median" in worse) == (True, bool(counted))
-    (changed,) = explained["functions"]
+    changed = explained["functions"][0]
     line = changed["lines"][0]
     assert changed["function"] == function
+    assert explained["functions"][-1]["function"] == "all code"
     assert line["location"].startswith("background.c:")
     assert line["base_cycles"] == 0
     # A turn of the loop takes 10 cycles; a call, or all 1 600 of the tumble.

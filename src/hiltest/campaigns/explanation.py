@@ -122,8 +122,11 @@ def _changed_functions(
     if new is None or base is None:
         return (), "name the ELFs of the run and of its base: --firmware ELF --against ELF"
     if (rig := _foreign_rig(record)) is not None:
-        counted = {name: rig.cycles[name].functions[0] for name in subjects if name in rig.cycles}
-        return tuple(_compare_in_tumble(dict([*counted.items()][:_MOST_FUNCTIONS]), rig, base, new)), ""
+        counted = [(name, rig.cycles[name].functions[0]) for name in subjects if name in rig.cycles]
+        watched = dict[str, str | None](counted[:_MOST_FUNCTIONS])
+        if not watched or any(change.name == _AWAKE for change in changes):
+            watched["awake"] = None
+        return tuple(_compare_in_tumble(watched, rig, base, new)), ""
     sides = BoardCalibrators(base), BoardCalibrators(new)
     names = [name for name in subjects if all(name in side.names for side in sides)]
     if not names:
@@ -143,13 +146,16 @@ def _foreign_rig(record: Run) -> Rig | None:
     return None if rig.answers_requests else rig
 
 
-def _compare_in_tumble(functions: Mapping[str, str], rig: Rig, base: Path, new: Path) -> Iterator[ChangedFunction]:
-    """Compare functions by their names in the rig, or all code if none is given."""
+def _compare_in_tumble(
+    functions: Mapping[str, str | None], rig: Rig, base: Path, new: Path
+) -> Iterator[ChangedFunction]:
+    """Compare functions by their names in the rig; None is all code."""
     benches = [VirtualBench(rig, firmware=firmware) for firmware in (base, new)]
     sides = [profile_running(bench.machine, [*functions.values()], bench.run_in_tumble) for bench in benches]
-    for (name, function), before, after in zip([*functions.items()] or [("awake", "all code")], *sides, strict=True):
+    for (name, function), before, after in zip(functions.items(), *sides, strict=True):
         lines = tuple(change for change in line_changes(before.lines_of_a_call, after.lines_of_a_call) if change.delta)
-        yield ChangedFunction(name, function, after.cycles_of_a_call, before.cycles_of_a_call, after.cycle_model, lines)
+        cycles, base_cycles = after.cycles_of_a_call, before.cycles_of_a_call
+        yield ChangedFunction(name, function or "all code", cycles, base_cycles, after.cycle_model, lines)
 
 
 def _compare_lines(names: Sequence[str], base: BoardCalibrators, new: BoardCalibrators) -> Iterator[ChangedFunction]:

@@ -182,14 +182,14 @@ def _profiled(processor: Processor, owners: _Owners, function: Symbol | None) ->
 
 
 def profile_running(
-    board: VirtualCortexM4, functions: Sequence[str], run: Callable[[], object]
+    board: VirtualCortexM4, functions: Sequence[str | None], run: Callable[[], object]
 ) -> list[RunningProfile]:
     """Profile the calls of functions in firmware that runs.
 
     Parameters
     ----------
     functions
-        If there are none, the whole firmware is profiled as one call.
+        None for the whole firmware, as one call.
     run
         Runs the firmware.
 
@@ -200,11 +200,11 @@ def profile_running(
     BoardFault
         If the firmware faults.
     """
-    symbols: list[Symbol | None] = [find_function(board.image, function) for function in functions]
+    symbols = [None if function is None else find_function(board.image, function) for function in functions]
     owners = _Owners(board.image, None)
     with _profiled(board.processor, owners, None):
         run()
-    return [_Sums(board.processor, owners, within=symbol).running_profile(symbol) for symbol in symbols or [None]]
+    return [_Sums(board.processor, owners, within=symbol).running_profile(symbol) for symbol in symbols]
 
 
 class _Owners:
