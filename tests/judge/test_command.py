@@ -65,6 +65,20 @@ def test_a_limit_that_does_not_hold_fails_and_one_that_was_not_measured_is_not_e
     assert judge("mine.py:calibrate", "--alone", "--limit", "cycles") == 4
 
 
+@pytest.mark.parametrize(
+    ("answer", "counts"),
+    [("np.full(3, np.nan), np.eye(3)", "0 are refused and 600 no ellipsoid"), ("None", "600 are refused and 0 no")],
+)
+def test_a_calibrator_without_an_accepted_answer_fails(
+    folder: Path, capsys: pytest.CaptureFixture[str], answer: str, counts: str
+) -> None:
+    text = f"import numpy as np\ndef calibrate(samples):\n    return {answer}\n"
+    (folder / "none.py").write_text(text, encoding="utf-8")
+    assert judge("none.py:calibrate", "--alone") == 1
+    assert f"FAIL: of 600 answers {counts}" in capsys.readouterr().out
+    assert judge("none.py:calibrate", "--alone", "--limit", "bound.p99=1.5") == 1, "before 22, not evaluated"
+
+
 def test_a_worse_calibrator_than_the_other_is_a_regression(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     worse = MIDDLE.replace("0.5 * (low + high)", "0.5 * (low + high) + 4.0")
     (folder / "worse.py").write_text(worse, encoding="utf-8")

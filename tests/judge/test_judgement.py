@@ -10,6 +10,7 @@ import pytest
 
 from hiltest.errors import ConfigError
 from hiltest.judge.answers import Answer, Outcome, rate
+from hiltest.judge.judge_tables import page
 from hiltest.judge.judgement import (
     ALL,
     Judged,
@@ -100,6 +101,15 @@ def test_a_larger_error_in_one_family_is_a_regression(small: Judged) -> None:
     assert comparison.families["rig"] == Estimate(1.0, 1.0, 1.0)
     assert comparison.families["points"].value == pytest.approx(2.0, abs=0.01)  # linear, as above
     assert comparison.is_worse
+
+
+def test_an_entry_without_cycles_is_drawn_at_the_edge(small: Judged, large: Judged) -> None:
+    without = judge(Truth(0.3, cycles=None), "against")
+    text = page(document(small, [], {}, without))
+    drawing = text.partition("<svg viewBox")[2].partition("</svg>")[0]
+    assert drawing.count("data-row") == 2
+    assert "no cycles" in drawing
+    assert "no cycles" not in page(document(small, [], {}, large)), "all have cycles"
 
 
 def test_other_entries_are_ranked_by_the_larger_error_of_both_default_clouds(small: Judged, large: Judged) -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from hiltest.calibration.acceptance import Acceptance
 from hiltest.calibration.quality import sphere_directions
 from hiltest.calibration.still_pose import Face
 from hiltest.log_fitting import AccelerationUnit, ImuLog, RateUnit, found_intervals, read_imu_log
-from hiltest.log_fitting.imu_fit import ImuLogFit, fit_imu_log, imu_fit_document
+from hiltest.log_fitting.imu_fit import ImuLogFit, fit_imu_log, imu_fit_document, print_fit
 
 from .recording import (
     ACCELEROMETER,
@@ -282,6 +284,20 @@ def test_a_log_of_shocks_is_poor_and_one_from_one_side_is_refused() -> None:
     accelerometer = fit_imu_log(half, found_intervals(half), "moving").accelerometer
     assert (accelerometer.verdict, accelerometer.fit) == (Acceptance.REFUSED, None)
     assert "side" in accelerometer.refused or "sphere" in accelerometer.refused
+
+
+def test_a_predicted_error_beyond_the_prediction_s_validity_is_stated_by_its_bound() -> None:
+    """As by `hiltest fit`: linear propagation predicts 63 deg."""
+    acceleration, _ = tumbled().readings(SYMMETRIC)
+    acceleration = acceleration[acceleration[:, 2] > -0.2]
+    acceleration[len(acceleration) // 2 :, 0] += 0.8
+    log = log_of(acceleration, None)
+    fit = fit_imu_log(log, found_intervals(log), "moving")
+    (value,) = (reason.value for reason in fit.accelerometer.reasons if reason.figure == "direction_error_deg")
+    assert value == 30.0
+    printed = io.StringIO()
+    print_fit(fit, Console(file=printed))
+    assert "direction error > 30 deg is above 5 deg (refused)" in printed.getvalue()
 
 
 def test_faces_that_a_hand_laid_askew_are_measured_and_spoil_no_offset() -> None:

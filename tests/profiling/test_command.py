@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from pydantic import TypeAdapter
+from tests.patched_firmware import HANG, patched
 
 from hiltest.boards import default_firmware
 from hiltest.commands.cli import main
@@ -117,6 +118,15 @@ def test_folded_stacks_and_the_flame_graph_hold_every_cycle(capsys: pytest.Captu
         if each.attrib["width"] != "100%"
     }
     assert max(boxes) == 1000.0
+
+
+def test_a_superfluous_argument_is_refused_before_the_calibrator_is_called(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elf = tmp_path / "hangs.elf"
+    elf.write_bytes(patched(default_firmware(), ["magnetometer_direct"], HANG))
+    assert profile(capsys, str(elf), "direct", "1")[0] == 4
+    assert profile(capsys, str(elf), "direct")[0] == 20, "it hangs if it is called"
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from hiltest.errors import ConfigError
 from hiltest.judge.build import header_folder
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Table
-from hiltest.studies import NAMES
+from hiltest.studies import NAMES, compensation
 from hiltest.studies.board_calibrators import board_calibrators
 from hiltest.studies.estimators import draw
 from hiltest.studies.instances import Model, draw_instances
@@ -181,16 +181,25 @@ def rows_of(table: Table, method: str) -> list[tuple[object, ...]]:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("budget", "float32"))) for name in NAMES]
 )
-def test_every_study_has_rows_of_a_method_of_one_s_own(name: str, files: Path, tmp_path: Path) -> None:
+def test_every_study_has_rows_of_a_method_of_one_s_own(
+    name: str, files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     elf = tmp_path / "mine.elf"
     elf.write_bytes(default_firmware().read_bytes())
     words = [] if name in OF_FIRMWARE else ["--calibrator", "sphere-fit", "--calibrator", "mine.py:sphere"]
     table = table_of(name, tmp_path / "out", "--firmware", str(elf), *words)
     in_elf = f"{elf}:direct"
+    if name == "choose":  # the packaged firmware is this file, and equal calibrators have one row
+        in_elf = f"direct = {in_elf}"
     assert rows_of(table, in_elf)
-    if name in ("budget", "choose", "float32"):  # the packaged firmware is this file
+    lines = capsys.readouterr().out.splitlines()
+    assert len([line for line in lines if line.startswith((f"{in_elf}: ", f"{in_elf},"))]) == len(
+        rows_of(table, in_elf)
+    )
+    if name in ("budget", "float32"):
         assert rows_of(table, in_elf) == rows_of(table, "direct")
     if name not in OF_FIRMWARE:
+        assert [line for line in lines if line.startswith("sphere-fit")]
         assert rows_of(table, "sphere-fit")
         assert rows_of(table, "sphere-fit") != rows_of(table, in_elf)
         for row, other in zip(rows_of(table, "mine.py:sphere"), rows_of(table, "sphere-fit"), strict=True):
@@ -263,6 +272,25 @@ def test_a_function_on_the_core_gets_points_that_its_memory_holds(
     run("fit", "many.csv", *words)
     fits = json.loads(capsys.readouterr().out)["calibrators"]
     assert [fit["n_used"] for fit in fits] == [1000, 20_000]
+
+
+def test_equal_calibrators_are_not_the_next_best_of_each_other(tmp_path: Path) -> None:
+    words = ["study", "choose", "--firmware", str(default_firmware()), "--instances", "72", "--points", "20"]
+    assert run(*words, "--jobs", "2", "--out", str(tmp_path)) == 0
+    record = read_record(tmp_path).run
+    (table,) = (table for table in record.tables if table.name == "study.choose")
+    assert len(table.rows) == len(board_calibrators().names)
+    assert record.verdict.sentence.count(f"{default_firmware()}:") == 2, "of the recommended one and the next"
+
+
+def test_the_axis_of_compensation_includes_a_method_that_makes_offsets_larger(tmp_path: Path, files: Path) -> None:
+    (files / "far.py").write_text(
+        "def far(samples):\n    return [400.0, 400.0, 400.0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n", encoding="utf-8"
+    )
+    table = table_of("compensation", tmp_path / "out", "--calibrator", "far.py:far")
+    least = min(float(str(row[2])) for row in table.rows if row[7] == "far.py:far")
+    assert least < 0.0
+    assert compensation.draw(read_record(tmp_path / "out").run, table).y_range[0] <= least
 
 
 def test_firmware_without_calibrators_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

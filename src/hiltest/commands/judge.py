@@ -35,7 +35,7 @@ FILE is one of:
 \b
 Exit codes:
   0   judged, and every --limit holds
-  1   a --limit does not hold
+  1   a --limit does not hold, or no answer in any world is accepted
   2   interrupted
   4   usage: an option or the file is wrong, or a host function fails
   20  the function faults or hangs on the virtual core

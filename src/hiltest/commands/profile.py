@@ -141,12 +141,12 @@ def profile(
     has_table = "calibrators" in image.board.image.symbols and function not in image.board.image.symbols
     calibrators = BoardCalibrators(path) if has_table else None
     if calibrators and function in calibrators.names:
-        called = calibrators.profile(function)
         if arguments or any(counted.values()):
             raise ConfigError(
                 f"{function} is a calibrator, which is called with 100 points, without arguments and options for its "
-                f"timing; leave them out, or name its function: {called.function}"
+                f"timing; leave them out, or name its function: {calibrators.functions[function]}"
             )
+        called = calibrators.profile(function)
     elif calibrators and (near := get_close_matches(function, calibrators.names, n=1)):
         raise ConfigError(f"{path.name}: no function and no calibrator {function!r}; did you mean {near[0]!r}?")
     else:

@@ -153,7 +153,7 @@ def study(
     from hiltest.session.settings import make_folder
     from hiltest.studies.methods import add_methods
     from hiltest.studies.study import Plan, PrintedFigure, study_of
-    from hiltest.studies.study_page import PAGE_FILE, StudyDocument, printed_rows, study_table
+    from hiltest.studies.study_page import PAGE_FILE, StudyDocument, method_lines, printed_rows, study_table
     from hiltest.studies.study_run import run_study
 
     chosen = study_of(name)
@@ -187,6 +187,8 @@ def study(
         figures.append(PrintedFigure(figure, paper, printed, measured, reproduced, why))
         word = {True: "reproduced", False: "not reproduced", None: "undecided"}[reproduced]
         click.echo(f"{paper}: {figure}: printed {printed}, measured {measured}: {word}: {why}")
+    for line in method_lines(chosen, run, plan.methods):
+        click.echo(line)
     click.echo(f"{folder}: run.json, {PAGE_FILE}")
     click.echo(run.verdict.sentence)
     return 0, StudyDocument(str(folder), figures, study_table(chosen, run), run.verdict)

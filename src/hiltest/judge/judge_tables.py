@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from rich.box import SIMPLE_HEAD
@@ -15,10 +16,11 @@ from hiltest.judge.worlds import DEFAULT_CLOUDS, FAMILIES, RIG, WORLDS
 from hiltest.measurement.estimates import Estimate
 from hiltest.report.marks import SERIES, KeyEntry, series
 from hiltest.report.page import render
-from hiltest.report.svg import Figure
+from hiltest.report.svg import Figure, log_ticks
 from hiltest.text import format_number
 
 _TEXTS = ("motion", "phase")
+_NO_CYCLES, _EDGE = "no cycles", 3.0  # ratio of cycles that the edge of the picture is wide
 PAGE_FILE, JSON_FILE = "judge.html", "judge.json"
 HEADINGS = (
     "calibrator",
@@ -169,25 +171,30 @@ def page(judged: JudgeDocument) -> str:
 
 
 def _figure(entries: Sequence[EntryResult]) -> Figure | None:
-    """Draw the error over the bound against cycles; None without two entries that have both."""
+    """Draw the error over the bound against cycles, and entries without cycles at the edge.
+
+    None without two entries that have an error, or without cycles.
+    """
     drawn = [
-        (entry, float(entry.cost.cycles), whole.rms, whole.p99.value)
+        (entry, float(entry.cost.cycles or 0), whole.rms, whole.p99.value)
         for entry in entries
-        if entry.cost.cycles and (whole := entry.family(ALL)).rms and whole.p99
+        if (whole := entry.family(ALL)).rms and whole.p99
     ]
-    if len(drawn) < 2:  # one dot is no comparison
+    xs, ys = [cycles for _, cycles, _, _ in drawn if cycles], [y for *_, rms, high in drawn for y in (rms.value, high)]
+    if len(drawn) < 2 or not xs:  # one dot is no comparison
         return None
-    xs, ys = [cycles for _, cycles, _, _ in drawn], [y for *_, middle, high in drawn for y in (middle.value, high)]
+    ends, has_edge = (min(xs) / 1.5, max(xs) * 1.5), len(xs) < len(drawn)
     figure = Figure(
         title="Error over bound against cycles",
         description="; ".join(
-            f"{entry.name}: {middle.value:.2f} times the bound, {high:.2f} in the 99th percentile, for "
-            f"{cycles:.0f} cycles"
+            f"{entry.name}: {middle.value:.2f} times the bound, {high:.2f} in the 99th percentile, "
+            + (f"for {cycles:.0f} cycles" if cycles else _NO_CYCLES)
             for entry, cycles, middle, high in drawn
         ),
         x_label="cycles for 100 points",
         y_label="rms heading error / bound",
-        x_range=(min(xs) / 1.5, max(xs) * 1.5),
+        x_range=(ends[0], ends[1] * (_EDGE if has_edge else 1.0)),
+        x_ticks=log_ticks(*ends) if has_edge else (),
         y_range=(min(0.5, *ys) / 1.1, max(ys) * 1.2),
         log_x=True,
         log_y=True,
@@ -198,8 +205,11 @@ def _figure(entries: Sequence[EntryResult]) -> Figure | None:
         style, mark = series(number)
         fill = "filled" if number < len(SERIES) else "hollow"  # shapes repeat
         mark_style, radius = f"{style} {fill}", 5.0 if entry.role == "hiltest" else 7.0
-        figure.bars([(cycles, middle.value, high)], style)
-        figure.series(entry.name, [(cycles, middle.value)], mark=mark, mark_style=mark_style, radius=radius)
+        x, text = (cycles, "") if cycles else (ends[1] * math.sqrt(_EDGE), _NO_CYCLES)
+        figure.bars([(x, middle.value, high)], style)
+        figure.series(entry.name, [(x, middle.value)], mark=mark, mark_style=mark_style, radius=radius, x_text=text)
+    if has_edge:
+        figure.upright(ends[1], _NO_CYCLES, "thesis", right=True)
     figure.level(1.0, "limit")
     figure.key.append(KeyEntry("bound", "limit"))
     return figure

@@ -307,8 +307,12 @@ def document(
     checked = tuple(check_limits(limit_values(judged.result), limits))
     comparison = compare(judged, against) if against else None
     entries = tuple(entry.result for entry in (judged, *([against] if against else []), *others))
+    whole = judged.result.family(ALL)
     code, word = _verdict(
-        checked, is_checked=against is not None, is_worse=comparison is not None and comparison.is_worse
+        checked,
+        is_checked=against is not None,
+        is_worse=comparison is not None and comparison.is_worse,
+        unanswered=whole if whole.unanswered == whole.worlds else None,
     )
     beside = next((entry.result for entry in others if entry.result.name == _BESIDE), None)
     sentence = f"{word}{describe(judged.result, beside, comparison, against)}"
@@ -344,12 +348,17 @@ def is_worse_filter(new: FilterResult, old: FilterResult) -> bool:
     return errs_more or (ranks_with(new, old) and (new.cycles or 0) > (old.cycles or 0) > 0)
 
 
-def _verdict(checked: Sequence[LimitResult], *, is_checked: bool, is_worse: bool) -> tuple[int, str]:
+def _verdict(
+    checked: Sequence[LimitResult], *, is_checked: bool, is_worse: bool, unanswered: FamilyResult | None = None
+) -> tuple[int, str]:
     """Return exit code and first words of the sentence, which are empty if nothing was asked for."""
     failed = [limit for limit in checked if limit.holds is False]
     missing = [limit for limit in checked if limit.holds is None]
     if failed:
         return 1, f"FAIL: {_limit_words(failed[0])}. "
+    if unanswered:
+        counts = f"{unanswered.refused} are refused and {unanswered.no_ellipsoid} no ellipsoid"
+        return 1, f"FAIL: of {unanswered.worlds} answers {counts}. "
     if missing:
         return 22, f"NOT EVALUATED: {missing[0].name} was not measured. "
     if is_worse:

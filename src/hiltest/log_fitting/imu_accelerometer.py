@@ -24,7 +24,7 @@ from hiltest.calibration.acceptance import Acceptance, Bound, Reason, rate_by
 from hiltest.calibration.conditioning import WELL_CONDITIONED, ellipsoid_condition
 from hiltest.calibration.corrected import fit_corrected
 from hiltest.calibration.direct import fit_direct
-from hiltest.calibration.direction_error import predicted_direction_error
+from hiltest.calibration.direction_error import LARGEST_PREDICTED_DEG, predicted_direction_error
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
 from hiltest.calibration.robust import MANY_LEFT_OUT, outliers, repeats
 from hiltest.calibration.still_pose import FACES, Face, StillPose
@@ -314,10 +314,13 @@ def _refused_result(
 
 
 def _error_deg(readings: Reals, fit: AccelerometerFit, *, unbiased: bool = False) -> float | None:
-    """Return the predicted error of gravity's direction, computed like a magnetometer's; None if unknown."""
+    """Return the predicted error of gravity's direction, computed and bounded like a magnetometer's.
+
+    None if it is unknown.
+    """
     ellipsoid = MagnetometerFit(FitStatus.ELLIPSOID, False, 0, fit.gain, fit.offset)
     predicted = predicted_direction_error(readings, ellipsoid, unbiased=unbiased)
-    return None if predicted is None else predicted.rms_deg
+    return None if predicted is None else min(predicted.rms_deg, LARGEST_PREDICTED_DEG)
 
 
 def _nominal_range(log: ImuLog, means: Reals) -> tuple[Reals, float]:

@@ -183,6 +183,7 @@ def _print_accelerometer(result: AccelerometerResult, unit: str, console: Consol
     console.print(escape(f"accelerometer, {result.method}: {result.verdict}; {summary}"), soft_wrap=True)
     if result.fit is None:
         console.print(escape(f"  refused: {result.refused}"), style="bold red", soft_wrap=True)
+        _print_reasons(result.reasons, console)
         return
     grid = _grid(
         (f"gain [{_per_reading('g', unit)}]", _matrix(result.fit.gain)),

@@ -129,14 +129,15 @@ class Figure:
         *,
         mark_style: str = "",
         radius: float = 3.5,
+        x_text: str = "",
     ) -> None:
-        """Draw points under a name, as a line or marks or both, and add them to key and sheet."""
+        """Draw points under a name, as a line or marks or both, and add them to key and sheet; there with `x_text`."""
         if line and points:
             self.line(points, line)
         entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")
         self.key += [] if entry in self.key else [entry]
         rows = self.sheet.rows if self.sheet else ()
-        more = [(name, format_number(x), format_number(y)) for x, y in points]
+        more = [(name, x_text or format_number(x), format_number(y)) for x, y in points]
         if mark:
             numbered = [(row, ", ".join(cells)) for row, cells in enumerate(more, len(rows))]
             self.marks(points, mark_style or f"{line} filled", mark, radius=radius, rows=numbered)

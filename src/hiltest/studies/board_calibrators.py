@@ -37,18 +37,20 @@ class BoardCalibrators:
     ----------
     names : tuple of str
         Names of the calibrators; empty for an ELF without such a table.
+    functions : dict of str to str
+        Their functions by name.
     cycle_model : str
         Cycle model of the counts.
     """
 
     def __init__(self, firmware: Path | None = None) -> None:
         self._board = VirtualK64F(firmware or default_firmware())
-        self._functions = dict(self._table())
-        self.names = tuple(self._functions)
+        self.functions = dict(self._table())
+        self.names = tuple(self.functions)
         sram = self._board.processor.memory.sram
         in_sram = all(
             sram.base <= self._board.image.symbols[function].address < sram.base + sram.size
-            for function in self._functions.values()
+            for function in self.functions.values()
         )
         self.cycle_model = f"{self._board.processor.profile.name}@{'sram' if in_sram else 'flash'}"
         # The firmware subtracts the same from each count.
@@ -93,13 +95,13 @@ class BoardCalibrators:
         ValueError
             If a coordinate is out of the range of int16.
         """
-        fit, cycles = self._call(self._functions[name], counts, anchor)
+        fit, cycles = self._call(self.functions[name], counts, anchor)
         return fit, cycles - self._empty
 
     def profile(self, name: str) -> CallProfile:
         """Profile the cycles of a calibrator on the 100 golden points of a run; those of an empty call are included."""
         arguments = _arguments(golden_points(_PROFILED_POINTS).astype(float), None)
-        return profile_call(self._board, self._functions[name], arguments, bytearray(_FIT.size))
+        return profile_call(self._board, self.functions[name], arguments, bytearray(_FIT.size))
 
     def _call(self, function: str, counts: Array, anchor: Array | None) -> tuple[MagnetometerFit, int]:
         result = bytearray(_FIT.size)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from hiltest.studies.board_calibrators import MOST_POINTS, board_calibrators
 from hiltest.studies.instances import Model, counted_fit, draw_instances
 from hiltest.studies.methods import calibrate
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
-from hiltest.studies.study import Block, Conclusion, Conditions, Numbers, Plan, Study
+from hiltest.studies.study import EQUAL, Block, Conclusion, Conditions, Numbers, Plan, Study
 from hiltest.text import format_number
 
 _HIGH = 0.95
@@ -76,7 +76,10 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     conditions, board = plan.conditions or Conditions(), board_calibrators()
     names = plan.names(board.names)
     numbers = np.concatenate([np.reshape(block, (-1, len(names), _NUMBERS)) for block in by_condition[0]])
-    candidates = [_candidate(name, numbers[:, index]) for index, name in enumerate(names)]
+    equal_names: dict[bytes, list[str]] = {}
+    for index, name in enumerate(names):
+        equal_names.setdefault(numbers[:, index].tobytes(), []).append(name)
+    candidates = [_candidate(EQUAL.join(equal), numbers[:, names.index(equal[0])]) for equal in equal_names.values()]
     counted = [candidate for candidate in candidates if candidate.most_cycles]
     affordable = [
         candidate for candidate in counted if conditions.cycles is None or candidate.most_cycles <= conditions.cycles
@@ -84,7 +87,9 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
     best = choose_calibrator(affordable)
     second = choose_calibrator([candidate for candidate in affordable if candidate is not best])
     too_dear = [candidate for candidate in counted if candidate not in affordable]
-    marks = dict.fromkeys(names, NOT_COUNTED) | dict.fromkeys((candidate.name for candidate in counted), "")
+    marks = {candidate.name: NOT_COUNTED for candidate in candidates} | dict.fromkeys(
+        (candidate.name for candidate in counted), ""
+    )
     marks |= dict.fromkeys((candidate.name for candidate in too_dear), TOO_DEAR)
     for choice, mark in ((best, RECOMMENDED), (second, RUNNER_UP)):
         if choice is not None:
@@ -117,7 +122,8 @@ def conclude(plan: Plan, by_condition: Sequence[Sequence[Numbers]]) -> Conclusio
         else _advice(best, second, too_dear)
     )
     sentence = f"{_conditions(plan, conditions)}: {advice}."
-    measurements = tuple(_measurements([one for one in candidates if one.name in board.names], board.cycle_model))
+    packaged = {name: candidate for candidate in candidates for name in candidate.name.split(EQUAL)}
+    measurements = tuple(_measurements({name: packaged[name] for name in board.names}, board.cycle_model))
     return Conclusion(sentence, measurements, Table("study.choose", columns, rows), ())
 
 
@@ -171,15 +177,13 @@ def _advice(best: Candidate | None, second: Candidate | None, too_dear: Sequence
     )
 
 
-def _measurements(candidates: Sequence[Candidate], cycle_model: str) -> list[Measurement]:
+def _measurements(candidates: Mapping[str, Candidate], cycle_model: str) -> list[Measurement]:
     return [
         measurement
-        for candidate in candidates
+        for name, candidate in candidates.items()
         for measurement in (
-            quantile_measurement(f"study.choose.{candidate.name}.p95", candidate.high, "deg"),
-            check(
-                f"study.choose.{candidate.name}.cycles", candidate.most_cycles, unit="cycle", cycle_model=cycle_model
-            ),
+            quantile_measurement(f"study.choose.{name}.p95", candidate.high, "deg"),
+            check(f"study.choose.{name}.cycles", candidate.most_cycles, unit="cycle", cycle_model=cycle_model),
         )
     ]
 

@@ -182,7 +182,7 @@ def draw(run: Run, table: Table) -> Figure:
         x_label="noise [uT]",
         y_label="compensated [%]",
         x_range=(0.0, NOISE_UT[-1] + 1.0),
-        y_range=(min(0.0, *columns["sensitivity"]), 105.0),
+        y_range=(min(0.0, *columns["sensitivity"], *(float(row[2] or 0) for row in table.rows)), 105.0),
         width=560.0,
         height=360.0,
     )

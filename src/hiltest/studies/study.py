@@ -18,6 +18,8 @@ from hiltest.report.svg import Figure
 from hiltest.run_record.run import Run, Table
 
 Numbers: TypeAlias = Sequence[float | int]
+EQUAL = " = "
+"""Text between the names of methods with the same results in one row."""
 
 
 @dataclass(frozen=True, slots=True)

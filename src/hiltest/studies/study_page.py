@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from hiltest import __version__
 from hiltest.measurement.estimates import Estimate
 from hiltest.report.page import render
-from hiltest.run_record.run import Cell, Run, Table, Verdict
+from hiltest.run_record.run import Cell, Column, Run, Table, Verdict
 from hiltest.studies.quantiles import ENDS
-from hiltest.studies.study import PrintedFigure, Study
+from hiltest.studies.study import EQUAL, PrintedFigure, Study
 from hiltest.text import format_number
 
 PAGE_FILE = "study.html"
@@ -27,9 +27,9 @@ def study_table(study: Study, run: Run) -> Table:
 def page(study: Study, run: Run) -> str:
     """Return the page: the answer, the plot, the printed and measured figures, and the table."""
     table = study_table(study, run)
-    with_interval = _interval_columns(table)
-    shown = [place for place in range(len(table.columns)) if not with_interval & {place - 1, place - 2}]
-    headings = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns]
+    columns, rows = _joined_intervals(table)
+    headings = [f"{column.name} [{column.unit}]" if column.unit else column.name for column in columns]
+    estimates = {table.columns[place] for place in _interval_columns(table)}
     return render(
         "study.html.j2",
         package="hiltest.studies",
@@ -38,13 +38,33 @@ def page(study: Study, run: Run) -> str:
         figure=study.draw(run, table),
         header=PRINTED_HEADER,
         printed=list(printed_rows(study, run)),
-        columns=[f"{headings[place]}, 95 % interval" if place in with_interval else headings[place] for place in shown],
-        rows=[
-            [_estimate(row[place : place + 3]) if place in with_interval else _text(row[place]) for place in shown]
-            for row in table.rows
+        columns=[
+            f"{heading}, 95 % interval" if column in estimates else heading
+            for column, heading in zip(columns, headings, strict=True)
         ],
+        rows=rows,
         version=__version__,
     )
+
+
+def method_lines(study: Study, run: Run, methods: Collection[str]) -> Iterator[str]:
+    """Yield a line for each row of these methods in the table of a study's record."""
+    columns, rows = _joined_intervals(study_table(study, run))
+    for row in rows:
+        name = next((cell for cell in row if {*cell.split(EQUAL), cell.partition(",")[0]} & set(methods)), None)
+        if name is not None:
+            cells = ((column, cell) for column, cell in zip(columns, row, strict=True) if cell not in (name, "", "-"))
+            yield f"{name}: " + ", ".join(f"{column.name} {cell} {column.unit}".rstrip() for column, cell in cells)
+
+
+def _joined_intervals(table: Table) -> tuple[list[Column], list[list[str]]]:
+    """Return columns and their texts by row; an estimate and the ends of its interval are one text."""
+    with_interval = _interval_columns(table)
+    shown = [place for place in range(len(table.columns)) if not with_interval & {place - 1, place - 2}]
+    return [table.columns[place] for place in shown], [
+        [_estimate(row[place : place + 3]) if place in with_interval else _text(row[place]) for place in shown]
+        for row in table.rows
+    ]
 
 
 def _interval_columns(table: Table) -> set[int]:
