@@ -9,6 +9,7 @@ from elftools.elf.elffile import ELFFile
 
 HANG: Sequence[int] = (0xE7FE,)  # b .
 UNDEFINED: Sequence[int] = (0xDE00,)  # udf #0
+RETURN_0: Sequence[int] = (0x2000, 0x4770)  # movs r0, #0; bx lr
 OVERFLOW: Sequence[int] = (0xB5F0, 0xE7FD)  # push {r4-r7, lr}; b back to it
 
 

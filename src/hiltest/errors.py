@@ -7,11 +7,15 @@ that cannot support a calibration (an ordinary test failure, 1).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from difflib import get_close_matches
 
 LIKELY_CAUSE = "; likely cause: "
 """Text between a message and the likely cause in it; a sentence with the next step follows the cause."""
+
+NOT_CALIBRATED = "the firmware has not calibrated its magnetometer"
+"""Begin of the message on firmware that reports no calibration of its own after the tumbles."""
 
 
 class HiltestError(Exception):
@@ -260,6 +264,11 @@ class BoardFault(BenchError):
     def ended(self, ending: str) -> BoardFault:
         """Return this fault with its ending."""
         return BoardFault(**vars(self) | {"ending": ending})
+
+
+def remove_registers(message: str) -> str:
+    """Return a message without the registers of a `BoardFault`."""
+    return re.sub(r";( \w+=0x[0-9a-f]{8})+", "", message)
 
 
 def place_of(pc: int, function: str, location: str) -> str:

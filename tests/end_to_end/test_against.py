@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from tests.finished_run import run_module
+from tests.patched_firmware import HANG, OVERFLOW, RETURN_0, UNDEFINED, patched
 
 from hiltest.link.messages import PROTOCOL_VERSION
 from hiltest.run_record.reader import read_record
@@ -171,6 +173,55 @@ def test_what_does_not_go_with_it_is_found_before_the_older_firmware_runs(
     assert done.returncode == 4, done.stdout + done.stderr
     assert complaint in done.stderr
     assert not (bench / "older").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "function", "instructions", "crash"),
+    [
+        (
+            ("--seeds", "1..2"),
+            "command_average",
+            HANG,
+            r"the firmware is hung, in a branch to itself in command_average",
+        ),
+        (("--", "-n2"), "command_average", OVERFLOW, r"stack overflow: .* in command_average"),
+        ((), "main", UNDEFINED, r"undefined instruction de00 at 0x\w+ in main"),
+    ],
+    ids=["hang in a campaign", "stack overflow in a worker", "at its start"],
+)
+def test_a_crash_that_the_older_firmware_does_not_have_may_not_be_merged(
+    bench: Path, command: tuple[str, ...], function: str, instructions: tuple[int, ...], crash: str
+) -> None:
+    asks = "from hiltest.link.messages import Average\n" + SUITE.replace(
+        "    measure(", "    board.session.request(Average(4))\n    measure("
+    )
+    (bench / "hil" / "suites" / "test_lamp.py").write_text(asks, encoding="utf-8")
+    (bench / "new.elf").write_bytes(patched(OLD, [function], instructions))
+    done = hiltest(bench, "run", *BOTH, *command)
+    assert done.returncode == 1, done.stdout + done.stderr
+    answer = " ".join(done.stdout.split())
+    assert "Not to be merged (against hil-out/against" in answer
+    reason = rf"the firmware crashes, and the base does not: .*{crash} \(\w+\.c:\d+\)"
+    assert re.search(reason, answer)
+    assert (bench / "older").exists()
+    compared = hiltest(bench, "compare", "hil-out/against", "hil-out")
+    assert compared.returncode == 1
+    assert re.match(rf"Not to be merged .*: failed: {reason}", compared.stdout.splitlines()[1])
+    crashed = hiltest(bench, "compare", "hil-out", "hil-out")
+    assert crashed.returncode == 22, "the base has the same crash"
+    assert "the firmware crashes: " in crashed.stdout
+
+
+def test_a_build_that_no_longer_calibrates_itself_in_the_same_tumble_is_not_told_to_tumble_more(tmp_path: Path) -> None:
+    lines = OLD.with_name("compass-lines.elf")
+    (tmp_path / "new.elf").write_bytes(patched(lines, ["fit_is_accurate"], RETURN_0))
+    command = ("run", "new.elf", "--rig", "text-compass", "--against", str(lines), "--", "-k", "calibrates_itself")
+    done = hiltest(tmp_path, *command)
+    assert done.returncode == 1, done.stdout + done.stderr
+    answer = " ".join(done.stdout.split())
+    change = r"the change of the firmware, since the base calibrated itself after \d+(\.\d+)? s of the same tumble"
+    assert re.search(rf"Likely cause: {change}\. Next: Compare the calibration of both builds", answer)
+    assert "tumble_s" not in answer
 
 
 @pytest.mark.parametrize("seeds", [(), ("--seeds", "1..2")], ids=" ".join)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hiltest.errors import LIKELY_CAUSE, NOT_CALIBRATED
 from hiltest.measurement import (
     EXACT,
     Better,
@@ -24,7 +25,7 @@ from hiltest.run_record.exit_codes import comparison_code
 from hiltest.verdict.compare import compare, not_compared
 from hiltest.verdict.evidence import Evidence
 
-from .evidence import evidence, measurement, over_seeds
+from .evidence import CONDITIONS, evidence, measurement, over_seeds
 
 NAMES = (
     "cycles.direct.total",
@@ -476,6 +477,26 @@ def test_two_sides_without_a_number_in_common_are_not_compared() -> None:
         comparison = compare(base, new)
         assert not comparison.evaluated
         assert comparison.obstacles[0].startswith("run.json and run.json have no number")
+
+
+@pytest.mark.parametrize("board", ["virtual", "real"])
+def test_a_calibration_that_the_base_had_in_the_same_tumble_is_lost_by_the_change(board: str) -> None:
+    conditions = replace(CONDITIONS, board=board)
+    base = evidence([measurement("device.calibrated_after", 2.25, unit="s")], conditions=conditions)
+    cause = "too few directions. Give it more under [device]: tumbles, tumble_s."
+    failed = f"test_heading.py::test_a ({NOT_CALIBRATED} in 1 tumble of 20 s{LIKELY_CAUSE}{cause}) on seed 1"
+    comparison = compare(base, replace(evidence([], conditions=conditions), failed=(failed,)))
+    assert comparison.answer is Answer.NOT
+    worse = comparison.differences_with(Change.WORSE)
+    if board == "real":
+        assert comparison.failed == (failed,), "a hand tumbles in another way each time"
+        assert not worse
+        return
+    change = "the change of the firmware, since the base calibrated itself after 2.25 s of the same tumble"
+    assert comparison.failed == (failed.replace(cause, change),)
+    assert [(difference.name, difference.base, difference.new, difference.note) for difference in worse] == [
+        ("device.calibrated_after", 2.25, None, change)
+    ]
 
 
 def test_the_sentence_begins_with_the_answer() -> None:

@@ -22,6 +22,8 @@ from hiltest.verdict.evidence import Conditions, Evidence
 from hiltest.verdict.summary import close_to_limit, cost_line, summarise
 from hiltest.verdict.verdict import decide, headline, unmet_limits
 
+from .evidence import evidence
+
 Make = Callable[..., Findings]
 Heading = Callable[..., list[Measurement]]
 
@@ -388,6 +390,21 @@ def _compared(now: Measurement, *faults: str, failed: tuple[str, ...] = ()) -> C
         for file, item in (("base.json", check("lamp.current", 2.0, unit="mA", limit=Limit(max=9))), ("", now))
     ]
     return compare(sides[0], dataclasses.replace(sides[1], faults=faults, failed=failed))
+
+
+@pytest.mark.parametrize("base_deg", [0.9, 2.5], ids=["right", "wrong too"])
+def test_the_change_is_blamed_if_the_base_was_right_with_the_same_samples(
+    findings: Make, heading: Heading, base_deg: float
+) -> None:
+    coverage = check("tumble.coverage", 40.0, unit="%")
+    base, new = ([coverage, *heading("direct", deg, limit=1.8, cycles=12_000)] for deg in (base_deg, 3.0))
+    run = findings(*new)
+    run.comparison = compare(evidence(base), evidence(new))
+    summary = summarise(run)
+    was_right = base_deg < 1.8
+    change = "the change of the firmware, since the base calibrated with the same samples; "
+    assert summary.causes[0].startswith(f"{change * was_right}poor coverage")
+    assert summary.advice[0].startswith("Compare the calibration of both builds" if was_right else "Collect points")
 
 
 @pytest.mark.parametrize(

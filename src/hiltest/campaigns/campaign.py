@@ -328,8 +328,13 @@ def evidence_of_all(results: Sequence[SeedResult], file: str) -> Evidence:
 
 
 def campaign_exit_code(results: Sequence[SeedResult], *, may_fail: int, comparison: Comparison | None = None) -> int:
-    """Return the exit code: a code of any seed but 0 and 1, then 1 unless allowed, then that of the comparison."""
+    """Return the exit code: a code of any seed but 0 and 1, then 1 unless allowed, then that of the comparison.
+
+    A crash that the base does not have is a failure (1).
+    """
     codes = [result.exit_code for result in results]
+    if comparison and comparison.failed and all(code in (0, 1, ExitCode.CONNECTION_LOST) for code in codes):
+        return int(ExitCode.FAILED)
     for code in _WORST_FIRST:
         if code in codes:
             return int(code)

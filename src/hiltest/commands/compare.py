@@ -17,7 +17,7 @@ _EXIT_CODES = """
 \b
 Exit codes:
   0   may be merged: nothing got worse
-  1   not to be merged: a limit or a test of NEW itself fails
+  1   not to be merged: a limit or a test of NEW itself fails, or it crashes
   2   interrupted
   4   usage: BASE does not exist, or NEW cannot be read
   21  not to be merged: a measurement is worse by more than its tolerance

@@ -11,7 +11,7 @@ import numpy as np
 from hiltest.boards.board import Board
 from hiltest.calibration.direct import fit_direct
 from hiltest.calibration.fit import FitStatus, MagnetometerFit
-from hiltest.errors import CalibrationError, PoorCoverageError
+from hiltest.errors import LIKELY_CAUSE, NOT_CALIBRATED, CalibrationError, PoorCoverageError
 from hiltest.interfaces.frames import FRAMES, Frame
 from hiltest.interfaces.quantities import Moment, Observation, Quantity, values_of
 from hiltest.orientation import DegenerateFieldError, tilt_heading
@@ -246,18 +246,16 @@ def tumble_until_calibrated(board: Board, turntable: Turntable, *, progress: Pro
     readings = COUNTS_PER_UT * np.array(raw_ut).reshape(-1, 3)
     if after_s is not None or not must_say:
         return SelfCalibration(duration_s, after_s, readings=readings)
-    refused = (
-        f"the firmware has not calibrated its magnetometer in {format_count(device.tumbles, 'tumble')} of "
-        f"{device.tumble_s:g} s"
-    )
+    refused = f"{NOT_CALIBRATED} in {format_count(device.tumbles, 'tumble')} of {device.tumble_s:g} s"
     if faults:
         return SelfCalibration(duration_s, None, CalibrationError(f"{refused}: its samples are wrong"), faults)
     covered = sphere_coverage(readings, field_ut=output.rig.field.strength_ut) if len(readings) else 0.0
     if faults is not None and covered >= _COVERS:
-        advice = f"its samples are right and cover {covered:.0%} of the sphere: check when it accepts its fit"
-        return SelfCalibration(duration_s, None, CalibrationError(f"{refused}; {advice}"))
-    advice = "give it more under [device]: tumbles, tumble_s"
-    return SelfCalibration(duration_s, None, PoorCoverageError(f"{refused}; {advice}"))
+        cause = f"its fit, since its samples are right and cover {covered:.0%} of the sphere"
+        advice = "Check when it accepts its fit"
+        return SelfCalibration(duration_s, None, CalibrationError(f"{refused}{LIKELY_CAUSE}{cause}. {advice}."))
+    advice = "Give it more under [device]: tumbles, tumble_s"
+    return SelfCalibration(duration_s, None, PoorCoverageError(f"{refused}{LIKELY_CAUSE}too few directions. {advice}."))
 
 
 def sample_faults(

@@ -130,6 +130,7 @@ class Recorder:
                 "comparison": comparison,
                 "chosen": run.chosen,
                 "tests_left_out": run.tests_left_out,
+                "crash": run.crash,
                 "coverage": run.coverage and asdict(run.coverage),
                 "suites": run.suites,
             },

@@ -245,6 +245,9 @@ class Run:
     """True if the user chose among the tests of hiltest, so that part of the set did not run."""
     tests_left_out: int = 0
     """Number of tests of the full set that the gate set left out; 0 in older records, which lack it."""
+    crash: str = ""
+    """Fault, hang, reset or silence of the firmware on the virtual board, which every run of the build repeats; empty
+    without one, on other boards, and in older records."""
     revision: Revision | None = None
     """Sources that the run was made for, according to label and job."""
     tolerances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -293,6 +296,7 @@ class Findings:
     other_attempts: list[Measurement] = field(default_factory=list)
     chosen: bool = False
     tests_left_out: int = 0
+    crash: str = ""
     revision: Revision | None = None
     coverage: CoverageRecord | None = None
     suites: Mapping[str, str] = field(default_factory=dict)
@@ -326,6 +330,7 @@ class Findings:
             other_attempts=tuple(other_attempt.rounded() for other_attempt in self.other_attempts),
             chosen=self.chosen,
             tests_left_out=self.tests_left_out,
+            crash=self.crash,
             revision=self.revision,
             coverage=self.coverage,
             suites=self.suites,

@@ -60,6 +60,8 @@ class HilSession:
     ----------
     trouble : Exception or None
         Reason why the board is no longer usable.
+    crash : str
+        That reason, if it is the firmware's fault on the virtual board, which every run of the build repeats.
     trouble_reported : bool
         True if a test has already been charged with it; later ones are skipped.
     trouble_met_by : str
@@ -95,6 +97,7 @@ class HilSession:
             settings = self._begin_replay(settings, settings.replay)
         self.settings = settings
         self.trouble: BenchError | ProtocolError | None = None
+        self.crash = ""
         self.trouble_reported = False
         self.trouble_met_by = ""
         self.calibration: CalibrationFile | None = None
@@ -326,7 +329,7 @@ class HilSession:
                 if self.calibration is not None:
                     refuse_another_board(self.calibration, opened, self.rig)
             except (BenchError, ProtocolError) as error:
-                self.trouble = error
+                self._lose_board(error)
                 self.keep_trace("the first words to the board", "set-up", error)
                 raise
         return self._board
@@ -394,10 +397,21 @@ class HilSession:
         if not isinstance(error, BenchError | ProtocolError):
             return None
         if board_is_gone(error):
-            self.trouble = self.trouble or error
+            if self.trouble is None:
+                self._lose_board(error)
             self.trouble_met_by = self.trouble_met_by or nodeid
             self.trouble_reported = True
         return TestOutcome.CONNECTION_LOST if isinstance(error, BenchError) else TestOutcome.WRONG_FIRMWARE
+
+    def _lose_board(self, error: BenchError | ProtocolError) -> None:
+        """Note why the board is no longer usable, and whether every run of the build repeats it."""
+        from hiltest.errors import BenchError, remove_registers
+
+        self.trouble = error
+        port = self.settings.port or self.rig.board.port
+        is_simulated = self.rig.board.kind == "virtual" and (not port or port.startswith("hil:")) and not self.replay
+        if is_simulated and self.rig.faults is None and isinstance(error, BenchError):
+            self.crash = remove_registers(str(error))
 
     def failed_first(self, error: BaseException, nodeid: str) -> str:
         """Return the test that an error failed first, since a shared fixture fails each test that requests it."""

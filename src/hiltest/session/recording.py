@@ -97,7 +97,11 @@ class Recording:
     def pytest_runtestloop(self, session: pytest.Session) -> None:
         """Run the older firmware, if there is one; no test runs if the base is missing."""
         hil = self._hil
-        if hil.trouble is not None or session.testsfailed or not (session.testscollected or hil.hands_out):
+        if (
+            (hil.trouble is not None and not hil.crash)
+            or session.testsfailed
+            or not (session.testscollected or hil.hands_out)
+        ):
             return  # the end of the session is already certain
         hil.gate.run_older(partial(_print_line, session.config))
         hil.restart_wall_clock()
@@ -165,6 +169,7 @@ class Recording:
         exitstatus = self._write_coverage(exitstatus)
         self._recorder.findings.chosen = self._hil.choice.chose_our_tests
         self._recorder.findings.tests_left_out = self._hil.choice.full_tests_left_out
+        self._recorder.findings.crash = hil.crash
         self._recorder.findings.suites = suite_digests(self._test_files, session.config.rootpath)
         stopped = bool(session.shouldstop or session.shouldfail)
         cut_short = stopped or self._finished < session.testscollected

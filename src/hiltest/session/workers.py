@@ -43,6 +43,7 @@ class Worker:
             "left_out": ([], ""),
             "deselected": False,
             "full_tests_left_out": 0,
+            "crash": "",
             "usage_error": "",
             "coverage": "",
         }
@@ -106,6 +107,7 @@ class Worker:
     def pytest_sessionfinish(self) -> None:
         """Close the board, and send the coverage and the measurements of the whole session."""
         self._output["found"] = pack(TestFindings(self._hil.end()))
+        self._output["crash"] = self._hil.crash
         if self._hil.coverage is not None:
             from hiltest.virtual.coverage.lcov import to_lcov
 
@@ -261,6 +263,7 @@ class Controller:
         self._hil.choice.left_out = OmittedTests(tuple(tests), how)
         self._hil.choice.deselected = output["deselected"]
         self._hil.choice.full_tests_left_out = output["full_tests_left_out"]
+        self._hil.crash = self._hil.crash or output["crash"]
         if output["coverage"]:
             from hiltest.virtual.coverage.lcov import from_lcov
 

@@ -7,19 +7,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from statistics import fmean
 
+from hiltest.errors import LIKELY_CAUSE, NOT_CALIBRATED
 from hiltest.measurement import KINDS, UNDECIDED, Measurement, Outcome, Tolerance, identify, is_compared, is_direction
 from hiltest.run_record.comparison import BaseKind, Change, Comparison, Difference, Side
 from hiltest.run_record.failures import measured
 from hiltest.run_record.run import Run
-from hiltest.text import hundredths, join_words
+from hiltest.text import format_number, hundredths, join_words
 from hiltest.verdict.chance import Chance, chance_of
 from hiltest.verdict.difference import difference
 from hiltest.verdict.evidence import REAL, Evidence, Seed, allow_misses, as_one_run, evidence_of
-from hiltest.verdict.obstacles import accept_command, obstacles
+from hiltest.verdict.obstacles import accept_command, blame_crashes, obstacles
 from hiltest.verdict.pairs import Pairs, number_of
 from hiltest.verdict.run_noise import FALSE_ALARMS
 from hiltest.verdict.wording import entry, format_seeds, review_sentence, sentence
 
+CALIBRATED_AFTER = "device.calibrated_after"
 WORST_FOUND = KINDS["cycles.{calibrator}.worst_found"]
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
@@ -51,6 +53,7 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
     runs = (base, new)
     if all(run.conditions is not None and run.conditions.board == REAL for run in runs):
         base, new = map(as_one_run, runs)
+    new = blame_crashes(base, new, together=together)
     pairs = [replace(pair, runs=_numbers_of_runs(pair.name, runs)) for pair in pairs_of(base, new)]
     chances = chances_of(pairs, board, new.tolerances)
     names = {pair.name for pair in pairs}
@@ -66,10 +69,34 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
         add_accuracy(_mark_other_input(change, pair, base, new), base.measurements, new.measurements)
         for change, pair in zip(changes, pairs, strict=True)
     )
+    new, differences = _blame_lost_calibration(base, new, differences)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     comparison = _comparison(base.side, new, differences, obstacles(base, new, differences, together=together), kind)
     remarks = [*_remarks(base, new, differences), *([_ASSUMED] if _noise_is_assumed(chances.values()) else [])]
     return replace(comparison, remark=" ".join(remarks))
+
+
+def _blame_lost_calibration(
+    base: Evidence, new: Evidence, differences: tuple[Difference, ...]
+) -> tuple[Evidence, tuple[Difference, ...]]:
+    """Return both; if the base calibrated itself in the same tumble, the cause is the change of the firmware."""
+    was, now = base.conditions, new.conditions
+    is_same_tumble = was is not None and now is not None and was.board == "virtual" and was.rig_sha256 == now.rig_sha256
+    after = next((difference for difference in differences if difference.name == CALIBRATED_AFTER), None)
+    is_lost = after is not None and after.base is not None and after.new is None
+    if after is None or not (is_same_tumble and is_lost and any(NOT_CALIBRATED in text for text in new.failed)):
+        return new, differences
+    seconds = format_number(after.base)
+    cause = f"the change of the firmware, since the base calibrated itself after {seconds} s of the same tumble"
+    failed = tuple(_replace_cause(text, cause) if NOT_CALIBRATED in text else text for text in new.failed)
+    blamed = replace(after, change=Change.WORSE, note=cause)
+    return replace(new, failed=failed), tuple(blamed if item is after else item for item in differences)
+
+
+def _replace_cause(failed: str, cause: str) -> str:
+    """Return the text of a failed test with another likely cause, and without the next step."""
+    message, _, others = failed.partition(LIKELY_CAUSE)
+    return f"{message}{LIKELY_CAUSE}{cause}{others[max(others.rfind(')'), 0) :]}" if others else failed
 
 
 def review(base: Evidence, new: Evidence) -> Comparison:

@@ -84,6 +84,8 @@ class Evidence:
     """Tolerances that the rig states, by exact name."""
     faults: tuple[str, ...] = ()
     """Reasons why this side cannot be compared, one line each, with a remedy: such as a run that was cut short."""
+    crashes: Mapping[str, str] = field(default_factory=dict)
+    """Crash behind each of these reasons that is the firmware's fault, which the virtual board repeats."""
     chosen: bool = False
     """True if only chosen tests ran: such a run is comparable with the same choice, and cannot become a baseline."""
     tests_left_out: int = 0
@@ -140,13 +142,15 @@ def evidence_of(run: Run, *, file: str = "", sha256: str = "") -> Evidence:
         )
     name_of_rig = f"{rig.name} with faults ({rig.faults})" if rig and rig.faults else rig.name if rig else ""
     side = replace(side, rig=name_of_rig, seeds=() if run.seed is None else (run.seed,))
-    fault = f"{file or 'this run'}: the run is incomplete ({run.verdict.outcome}); repeat it"
+    incomplete = f"the firmware crashes: {run.crash}" if run.crash else f"the run is incomplete ({run.verdict.outcome})"
+    fault = f"{file or 'this run'}: {incomplete}; {'correct the firmware' if run.crash else 'repeat it'}"
     return Evidence(
         side,
         _conditions(run),
         {run.seed: {measurement.name: measurement for measurement in run.measurements}},
         _tolerances(rig.tolerances if rig else {}),
         () if run.verdict.complete else (fault,),
+        {fault: run.crash} if run.crash else {},
         run.chosen,
         run.tests_left_out,
         in_force=_tolerances(run.tolerances),
@@ -206,6 +210,7 @@ def evidence_of_seeds(runs: Sequence[Evidence], file: str) -> Evidence:
         measurements,
         first.tolerances,
         tuple(faults),
+        {fault: crash for run in runs for fault, crash in run.crashes.items()},
         any(run.chosen for run in runs),
         max(run.tests_left_out for run in runs),
         failed,

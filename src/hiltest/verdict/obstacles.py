@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import replace
 from shlex import quote
 
 from hiltest.measurement import tolerance_of
@@ -33,7 +34,7 @@ def obstacles(
     if differences is None:
         return unlike
     # Other conditions have other tests, so missing tests are no reason of their own.
-    missing = () if unlike or new.chosen else _missing_tests(base, new, together=together)
+    missing = () if unlike or new.chosen or new.crashes else _missing_tests(base, new, together=together)
     return (
         *unlike,
         *missing,
@@ -43,12 +44,24 @@ def obstacles(
     )
 
 
+def blame_crashes(base: Evidence, new: Evidence, *, together: bool) -> Evidence:
+    """Return the new side; a crash that the base does not have under the same conditions is its failure."""
+    was, now = base.conditions, new.conditions
+    is_alike = was is not None and base.side.rig == new.side.rig and (now is None or now.suite == was.suite)
+    if not new.crashes or base.faults or not is_alike or any(_side_differences(base, new, together=together)):
+        return new
+    failed = (f"the firmware crashes, and the base does not: {crash}" for crash in dict.fromkeys(new.crashes.values()))
+    faults = tuple(fault for fault in new.faults if fault not in new.crashes)
+    return replace(new, failed=(*new.failed, *failed), faults=faults)
+
+
 def _side_differences(base: Evidence, new: Evidence, *, together: bool) -> Iterator[str]:
     """Yield the differences between two sides; a missing board or another kind of board explains all others."""
     was, now = base.conditions, new.conditions
     if was is None or now is None:
         # If a side left no record, its fault is the only reason.
-        boardless = (side for side in (base, new) if side.conditions is None and side.measurements)
+        boardless = [side for side in (base, new) if side.conditions is None and side.measurements]
+        boardless = [side for side in boardless if not side.crashes]
         yield from (f"{side.name}: no board answered; run it again" for side in boardless)
     elif was.board != now.board:
         yield f"another kind of board: {was.board} before, {now.board} now; compare runs on one kind of board"

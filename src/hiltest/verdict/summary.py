@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from shlex import quote
 from statistics import median
 
@@ -20,12 +20,13 @@ from hiltest.measurement import (
     identify,
     ratio_range,
 )
-from hiltest.run_record.comparison import Change
+from hiltest.run_record.comparison import Change, Difference
 from hiltest.run_record.failures import failed_otherwise, out_of_limit
 from hiltest.run_record.run import Findings, Run, TestResult
 from hiltest.text import format_count, format_number, hundredths, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, heading_as_read, value_of
 from hiltest.verdict.causes import Cause
+from hiltest.verdict.compare import CALIBRATED_AFTER
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
 from hiltest.verdict.reported_headings import FIRMWARE, next_step
 from hiltest.verdict.wording import entry
@@ -39,6 +40,12 @@ _OF_UNSET = "Run the tests that measure these limits, or remove the limits from 
 _OF_DOUBT = (
     "Set and read the angles more precisely, and update uncertainty_deg under [turntable] and [mounting] in "
     "the rig: a value closer to its limit than U proves nothing."
+)
+
+_OF_THE_TUMBLE = (Cause.POOR_COVERAGE, Cause.OWN_CALIBRATION)
+"""Causes whose advice is another tumble."""
+_OF_THE_CHANGE = (
+    "Compare the calibration of both builds: its samples, the time at which it takes them, and when it accepts its fit."
 )
 
 _SAME_DEG = 0.5
@@ -117,9 +124,12 @@ def summarise(run: Run | Findings) -> Summary:
     reference = cost_reference(run, results)
     broken = tuple(failed_otherwise(run))
     in_messages = dict(filter(None, map(_cause_in_message, broken)))
+    if (after := _differing(run, CALIBRATED_AFTER)) and after.change is Change.WORSE and after.new is None:
+        in_messages = {after.note: _OF_THE_CHANGE}
     tables = run.tables if isinstance(run, Findings) else {table.name: table for table in run.tables}
     named = [result.name for result in results]
     causes = diagnose_run(named, measurements, tables, is_broken=bool(broken)) if failed or broken else {}
+    causes = {name: _blame_change(name, diagnosis, run) for name, diagnosis in causes.items()}
     in_order = _sort_failures(failed, reference.name if reference else "")
     of_failures = [causes[subject] for subject in _failed_headings(in_order) if subject in causes]
     distinct = _distinct_causes([*of_failures, *causes.values()])
@@ -160,6 +170,23 @@ def summarise(run: Run | Findings) -> Summary:
         as_read=heading_as_read(measurements),
         close=close_to_limit(measurements),
     )
+
+
+def _differing(run: Run | Findings, name: str) -> Difference | None:
+    """Return the difference of a measurement from the base; None without one."""
+    differences = run.comparison.differences if run.comparison else ()
+    return next((difference for difference in differences if difference.name == name), None)
+
+
+def _blame_change(name: str, diagnosis: Diagnosis, run: Run | Findings) -> Diagnosis:
+    """Return a diagnosis; if the base calibrated with the same samples, no other samples are needed."""
+    heading = _differing(run, f"heading.{name}.max")
+    was_right = heading is not None and heading.base is not None and heading.limit and heading.limit.holds(heading.base)
+    is_same_tumble = run.comparison and run.comparison.evaluated and run.board and run.board.kind == "virtual"
+    if diagnosis.cause not in _OF_THE_TUMBLE or not was_right or not is_same_tumble:
+        return diagnosis
+    words = f"the change of the firmware, since the base calibrated with the same samples; {diagnosis.words}"
+    return replace(diagnosis, words=words, advice=_OF_THE_CHANGE)
 
 
 def _mounting_advice(unset: Sequence[Measurement], measurements: Sequence[Measurement]) -> str:
@@ -303,10 +330,9 @@ def _sort_failures(failed: Sequence[Measurement], reference: str) -> list[Measur
 def _failure(
     measurement: Measurement, run: Run | Findings, causes: Mapping[str, Diagnosis], distinct: Mapping[Cause, str]
 ) -> Failure:
-    differences = run.comparison.differences if run.comparison else ()
-    was = next((difference.base for difference in differences if difference.name == measurement.name), None)
+    difference = _differing(run, measurement.name)
     cause = causes.get(measurement.subject) if measurement.section in _OF_CALIBRATORS else None
-    return Failure(measurement, was, distinct[cause.cause] if cause else "")
+    return Failure(measurement, difference.base if difference else None, distinct[cause.cause] if cause else "")
 
 
 def _ratio(run: Run | Findings, result: CalibratorResult, reference: CalibratorResult | None) -> str:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from hiltest.errors import LIKELY_CAUSE
+from hiltest.errors import LIKELY_CAUSE, remove_registers
 from hiltest.measurement import UNDECIDED, Limit, Measurement, Outcome, Reference, Section, identify
 from hiltest.run_record.comparison import Change, Comparison
 from hiltest.run_record.exit_codes import PYTEST_WINS, WORDS, ExitCode, comparison_code, outcome_of
@@ -31,7 +30,6 @@ TIE_DEG = 0.1
 """Worst headings this close count as equal: a tenth of the resolution of a compass limit of 1 or 2 degrees."""
 
 _NAMED_AT_MOST = 3
-_REGISTERS = re.compile(r";( \w+=0x[0-9a-f]{8})+")  # of a `BoardFault`; the test's own entry has them
 _CALIBRATOR = "{calibrator}"
 _UNTRIMMED = "-untrimmed"
 # Calibrations against gravity that only the full set makes.
@@ -76,7 +74,7 @@ def decide(findings: Findings, *, pytest_exit: int, left_out: Sequence[str] = ()
 
 
 def exit_code(findings: Findings, *, pytest_exit: int) -> int:
-    """Return the exit code: pytest's 2 to 5 and 24, then 1, 23, 20, 22, 21."""
+    """Return the exit code: pytest's 2 to 5 and 24, then 1, 23, 20, 22, 21; 1 also for a crash that the base lacks."""
     if pytest_exit in PYTEST_WINS:
         return pytest_exit
     # A measurement out of its limit is red even if its test is skipped afterwards.
@@ -86,7 +84,8 @@ def exit_code(findings: Findings, *, pytest_exit: int) -> int:
     if TestOutcome.WRONG_FIRMWARE in outcomes:
         return ExitCode.WRONG_FIRMWARE
     if TestOutcome.CONNECTION_LOST in outcomes:
-        return ExitCode.CONNECTION_LOST
+        crashes = findings.comparison is not None and findings.comparison.failed
+        return ExitCode.FAILED if crashes else ExitCode.CONNECTION_LOST
     if pytest_exit != ExitCode.OK:
         return pytest_exit
     if any(measurement.outcome in UNDECIDED for measurement in findings.measurements.values()):
@@ -101,11 +100,13 @@ def _sentence(findings: Findings, word: str, left_out: Sequence[str]) -> str:
     """
     opening, comparison, failed = _opening(word, findings.comparison), findings.comparison, _has_failed(findings)
     stopped = _stop_reason(findings)
-    changes = f"{reasons(comparison, beside_failures=failed)}." if comparison else ""
+    crashes = comparison.failed if comparison and stopped else ()
+    changes = f"{reasons(comparison, beside_failures=failed or bool(crashes))}." if comparison else ""
     counts = f"Changes: {changes}" if changes else ""
     if stopped:
         saved = f"{format_count(len(findings.measurements), 'measurement')} kept."
-        return " ".join(filter(None, (f"{opening}: {stopped} {saved}", counts)))
+        reason = _end_with_period(crashes[0]) if crashes else stopped
+        return " ".join(filter(None, (f"{opening}: {reason} {saved}", counts)))
     summary = summarise(findings)
     poses = findings.tables.get(POSES_TABLE)
     is_red = failed or (comparison is not None and comparison.regression)
@@ -203,7 +204,7 @@ def failure_in_words(failure: Failure) -> str:
 
 def _fault(reason: str) -> str:
     """Return the message of a failed test without registers, and without the likely cause, which has a sentence."""
-    return _REGISTERS.sub("", reason).partition(LIKELY_CAUSE)[0]
+    return remove_registers(reason).partition(LIKELY_CAUSE)[0]
 
 
 def _opening(word: str, comparison: Comparison | None) -> str:
