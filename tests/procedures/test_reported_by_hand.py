@@ -45,7 +45,7 @@ class Hand:
         if pose := re.search(r"heading (\S+), pitch (\S+), roll (\S+) and", question):
             self.stage.turn_to(Pose(*map(float, pose.groups())))
         if isinstance(question, Question) and question.live is not None:
-            self.beside += [question.live() for _ in range(self.looks)]
+            self.beside += [str(question.live()) for _ in range(self.looks)]
         self.then(len(self.asked))
         return self.answers.pop(0) if self.answers else ""
 
@@ -145,7 +145,7 @@ def test_the_reported_gyroscope_tells_the_turn_since_the_last_pose_beside_that_o
             asked.append(question)
             if turns and (turn_deg := turns.pop(0)):
                 stage.turn_round(turn_deg, rate_dps=30.0, after_s=0.3)
-            beside.extend(question.live() for _ in range(10))  # 0.3 s each
+            beside.extend(str(question.live()) for _ in range(10))  # 0.3 s each
             return ""
 
         poses = (Pose(0.0), Pose(30.0))
