@@ -55,7 +55,13 @@ pytestmark = pytest.mark.slow
 KILLS = int(os.environ.get("HILTEST_KILLS", "10"))
 
 # One of each kind; CI tries the others in parts.
-FEW = {(RUN.name, READER.name), (RECORD.name, HANG_UP.name), (SEEDS.name, KILL.name), (RIGS.name, TERMINATE.name)}
+FEW = {
+    (RUN.name, TWICE.name),
+    (RUN.name, READER.name),
+    (RECORD.name, HANG_UP.name),
+    (SEEDS.name, KILL.name),
+    (RIGS.name, TERMINATE.name),
+}
 FEW_LIMITS = {FILES.steps[-1], FILE_SIZE.steps[-2]}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -173,7 +174,7 @@ class Recording:
         self._recorder.findings.suites = suite_digests(self._test_files, session.config.rootpath)
         stopped = bool(session.shouldstop or session.shouldfail)
         cut_short = stopped or self._finished < session.testscollected
-        if cut_short and not stopped and exitstatus == pytest.ExitCode.TESTS_FAILED:
+        if isinstance(sys.exception(), KeyboardInterrupt):
             # A second Ctrl-C came while pytest dealt with the first, and pytest reports neither.
             exitstatus = pytest.ExitCode.INTERRUPTED
         left_out = self._record_unmet_limits(left_out=stopped or exitstatus > 1 or self._hil.choice.chose_any_tests)
