@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from hiltest.orientation.angles import wrap_180
 from hiltest.orientation.tilt_heading import tilt_heading
-from hiltest.studies.dpi import ANGLES, METHODS, SCREW_MM, attitudes_deg, conclude, measure, screw_effect
+from hiltest.run_record.reader import read_record
+from hiltest.studies.dpi import ANGLES, METHODS, SCREW_MM, STUDY, attitudes_deg, conclude, measure, screw_effect
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan
+from hiltest.studies.study_page import study_table
 
 PLAN = Plan("dpi", 2, 12, 0)
 
@@ -81,6 +84,21 @@ def test_a_screw_s_field_is_that_of_its_poles() -> None:
     c = np.sqrt(10.0**2 - 2.5**2)
     expected = [3.0 / (2.0 * c * c) * (x / (x * x - c * c) - np.arctanh(c / x) / c) for x in (15.0, 1500.0)]
     assert near / far == pytest.approx(expected[0] / expected[1], rel=1e-5)
+
+
+def test_the_printed_ratio_is_drawn_at_three_times_the_error_without_the_screw() -> None:
+    record = read_record(Path(__file__).parents[2] / "docs" / "studies" / "dpi.json").run
+    table = study_table(STUDY, record)
+    without, with_screw = (
+        next(float(str(row[1])) for row in table.rows if row[0] == f"ellipsoids, {screw}")
+        for screw in ("no screw", f"screw at {SCREW_MM[-1]:g} mm")
+    )
+    sheet = STUDY.draw(record, table).sheet
+    assert sheet is not None
+    numbers = {name: [float(y) for series, _, y in sheet.rows if series == name] for name, *_ in sheet.rows}
+    assert numbers["ellipsoids"][3:] == pytest.approx([without, with_screw], rel=1e-3)  # four digits
+    (printed,) = next(ys for name, ys in numbers.items() if name.startswith("printed: "))
+    assert printed == pytest.approx(3.0 * without, rel=1e-3)
 
 
 def test_a_screw_triples_the_error_of_the_ellipsoid_and_not_that_of_dpi() -> None:

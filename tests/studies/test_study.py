@@ -202,6 +202,8 @@ class TestEveryStudy:
         page = (tmp_path / "study.html").read_text(encoding="utf-8").replace("\N{NO-BREAK SPACE}", " ")
         assert page.count("<svg") > 0
         assert study_of(name).question in page
+        assert bool(study_of(name).unprinted) == (name in ("choose", "dpi", "estimators"))
+        assert study_of(name).unprinted.replace("'", "&#39;") in page
         printed = record.run.table(f"study.{name}.printed")
         assert printed is not None
         assert bool(printed.rows) == ("What the papers printed" in page) == (name != "choose")

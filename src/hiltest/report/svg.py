@@ -15,7 +15,9 @@ from hiltest.text import format_number, legible
 _LEFT, _RIGHT, _TOP, _BOTTOM = 68.0, 14.0, 14.0, 44.0
 _LABEL = 24.0  # room that the plot gains if an axis has no label
 _LARGEST = 1.2  # times the nominal size: letters keep their size in a wide column
-_DIGIT = 10.0  # wider than a digit of the 15 px that the page has on a telephone
+_DIGIT, _LETTER = 10.0, 15.0  # wider than a digit of the 15 px that the page has on a telephone
+_NARROW = 460.0  # a wider drawing gets larger letters on a telephone, which is this share of its width:
+_LETTER_SHARE, _OUTSIDE = 0.0325, 16.0  # 11 px of 340; what letters may take of the margin beside the drawing
 _TICK_ROOM, _FEWEST_TICKS = (75.0, 40.0), 3  # across and up
 _MOST_LABELS = 10  # of a logarithmic axis
 _TICKS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -106,6 +108,11 @@ class Figure:
             left, top, right, bottom = self._frame
             (x_low, x_high), (y_low, y_high) = self.x_range, self.y_range
             self.height += (right - left) * (y_high - y_low) / (x_high - x_low) - (bottom - top)
+
+    @property
+    def is_wide(self) -> bool:
+        """True if the page prints the labels of its axes beside it on a telephone."""
+        return self.width > _NARROW
 
     @property
     def _frame(self) -> tuple[float, float, float, float]:
@@ -209,24 +216,30 @@ class Figure:
     def svg(self) -> Markup:
         """Return the finished drawing."""
         content = Markup("").join([*self._x_axis(), *self._y_axis(), *self._shapes])
-        return drawing(self.title, self.description, self.width, self.height, content)
+        letter = self.width * _LETTER_SHARE if self.is_wide else None
+        return drawing(self.title, self.description, self.width, self.height, content, letter=letter)
 
     def _x_axis(self) -> Iterator[Markup]:
         left, top, right, bottom = self._frame
         ticks = self.x_ticks or _ticks(self.x_range, (right - left) / _TICK_ROOM[0], logarithmic=self.log_x)
-        free_from = 0.0
+        larger = self.width * _LETTER_SHARE / _LETTER if self.is_wide else 1.0
+        free_from = free_on_telephone = 0.0
         for value in ticks:
             x, _ = self.place(value, self.y_range[0])
             yield shape('<path class="grid" d="M{} {}V{}"/>', x, top, bottom)
             label = f"{value:g}"
             half = _DIGIT / 2.0 * len(label)
             inside = min(x, self.width - half)  # so that a long number at the right end is not cut
-            if inside - half >= free_from:  # so that numbers do not overlap
-                yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', inside, bottom + 17.0, label)
-                free_from = inside + half
+            if inside - half < free_from:  # so that numbers do not overlap
+                continue
+            free_from, half = inside + half, half * larger
+            fits = inside - half >= free_on_telephone and inside + half <= self.width + _OUTSIDE
+            free_on_telephone = inside + half + _DIGIT / 2.0 * larger if fits else free_on_telephone
+            text = '<text x="{}" y="{}" text-anchor="middle"{}>{}</text>'
+            yield shape(text, inside, bottom + 17.0, Markup("" if fits else ' class="roomy"'), label)
         if self.x_label:
             place = (left + right) / 2, self.height - 6
-            yield shape('<text x="{}" y="{}" text-anchor="middle">{}</text>', *place, self.x_label)
+            yield shape('<text class="axis" x="{}" y="{}" text-anchor="middle">{}</text>', *place, self.x_label)
 
     def _y_axis(self) -> Iterator[Markup]:
         left, top, right, bottom = self._frame
@@ -235,18 +248,21 @@ class Figure:
             yield shape('<path class="grid" d="M{} {}H{}"/>', left, y, right)
             yield shape('<text x="{}" y="{}" text-anchor="end">{}</text>', left - 6, y + 4, f"{value:g}")
         if self.y_label:
-            upright = '<text transform="translate(13 {}) rotate(-90)" text-anchor="middle">{}</text>'
+            upright = '<text class="axis" transform="translate(13 {}) rotate(-90)" text-anchor="middle">{}</text>'
             yield shape(upright, (top + bottom) / 2, self.y_label)
 
     def _add(self, template: str, *values: object) -> None:
         self._shapes.append(shape(template, *values))
 
 
-def drawing(title: str, description: str, width: float, height: float, content: Markup) -> Markup:
-    """Return an SVG element with a description in words."""
+def drawing(
+    title: str, description: str, width: float, height: float, content: Markup, *, letter: float | None = None
+) -> Markup:
+    """Return an SVG element with a description in words; `letter` is the size of its letters on a telephone."""
+    wide = Markup("" if letter is None else '; --letter: {:.1f}px" class="wide').format(letter)
     return Markup(
-        '<svg viewBox="0 0 {:g} {:g}" style="max-width: {:.0f}px" role="img"><title>{}</title><desc>{}</desc>{}</svg>'
-    ).format(width, height, _LARGEST * width, legible(title), legible(description), content)
+        '<svg viewBox="0 0 {:g} {:g}" style="max-width: {:.0f}px{}" role="img"><title>{}</title><desc>{}</desc>{}</svg>'
+    ).format(width, height, _LARGEST * width, wide, legible(title), legible(description), content)
 
 
 def _ticks(ends: Point, room_for: float, *, logarithmic: bool) -> tuple[float, ...]:

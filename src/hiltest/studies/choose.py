@@ -227,5 +227,7 @@ STUDY = Study(
     measure=measure,
     conclude=conclude,
     draw=draw,
+    unprinted="No paper prints errors of several calibrators for conditions of one's own; the study budget draws the "
+    "cycles that Mucciaccia prints (4.3).",
     most_points=MOST_POINTS,
 )

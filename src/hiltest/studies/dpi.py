@@ -21,7 +21,7 @@ from hiltest.orientation.angles import wrap_180
 from hiltest.orientation.tilt_heading import tilt_heading
 from hiltest.report.marks import Mark, series
 from hiltest.report.svg import Figure
-from hiltest.run_record.run import Column, Run, Table
+from hiltest.run_record.run import Cell, Column, Run, Table
 from hiltest.studies.methods import calibrate
 from hiltest.studies.quantiles import quantile_columns, quantile_measurement
 from hiltest.studies.study import Block, Conclusion, Numbers, Plan, PrintedFigure, Study
@@ -268,25 +268,29 @@ def _remaining_rotation(instances: Array) -> PrintedFigure:
 
 
 def draw(run: Run, table: Table) -> Figure:
-    """Draw the medians, and the 95th percentiles above them."""
-    shown = table.rows[: len(table.rows) // (1 + len(SCREW_MM))]
-    values = [[float(cell or 0) for cell in row[1::3]] for row in shown]
+    """Draw the medians, the 95th percentiles above them, and the printed ratio of headings with and without a screw."""
+    count = len(table.rows) // (1 + len(SCREW_MM))
+    shown, level, near = table.rows[:count], table.rows[count : 2 * count], table.rows[-count:]
+    values = [
+        [*_medians_and_highs(row), *_medians_and_highs(without)[:2], *_medians_and_highs(with_screw)[:2]]
+        for row, without, with_screw in zip(shown, level, near, strict=True)
+    ]
     all_values = [value for row in values for value in row]
     figure = Figure(
         title="Largest errors: heading, pitch, roll",
         description=run.verdict.sentence,
-        x_label="1 heading, 2 pitch, 3 roll",
+        x_label=f"1 heading, 2 pitch, 3 roll; level: 4 heading, 5 heading with a screw at {SCREW_MM[-1]:g} mm",
         y_label="largest error [deg]",
-        x_range=(0.5, 3.5),
+        x_range=(0.5, 5.5),
         y_range=(0.7 * min(all_values), 1.4 * max(all_values)),
-        x_ticks=(1.0, 2.0, 3.0),
+        x_ticks=(1.0, 2.0, 3.0, 4.0, 5.0),
         width=560.0,
         height=360.0,
         log_y=True,
     )
     for k, (method, *_) in enumerate(shown):
         style, mark = series(k)
-        places = [j + 1.0 + 0.15 * (k - 1) for j in range(len(ANGLES))]
+        places = [j + 1.0 + 0.15 * (k - 1) for j in range(len(values[k]) // 2)]
         figure.bars(zip(places, values[k][::2], values[k][1::2], strict=True), style)
         figure.series(
             str(method),
@@ -294,7 +298,21 @@ def draw(run: Run, table: Table) -> Figure:
             mark=mark or Mark.DOT,
             mark_style=f"{style} filled",
         )
+    ellipsoids = METHODS.index("ellipsoids")
+    style, _ = series(ellipsoids)
+    figure.series(
+        "printed: ellipsoids, 3 times the error without the screw (Coelho and Hemerly, 6)",
+        [(5.0, _TRIPLES * values[ellipsoids][6])],
+        mark=Mark.DIAMOND,
+        mark_style=f"{style} hollow",
+        radius=5.0,
+    )
     return figure
+
+
+def _medians_and_highs(row: Sequence[Cell]) -> list[float]:
+    """Return median and 95th percentile of heading, pitch and roll of a row."""
+    return [float(cell or 0) for cell in row[1::3]]
 
 
 STUDY = Study(
@@ -307,4 +325,6 @@ STUDY = Study(
     measure=measure,
     conclude=conclude,
     draw=draw,
+    unprinted="The numbers of Coelho and Hemerly's Figures 5, 11 and 12 are missing in the text of the paper that this "
+    "study was made from; only their ratio with a steel screw, three, is drawn.",
 )

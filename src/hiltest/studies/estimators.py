@@ -218,4 +218,6 @@ STUDY = Study(
     measure=measure,
     conclude=conclude,
     draw=draw,
+    unprinted="Mucciaccia prints statements on the calibrators (2.1.3, 3.3.1, 4.2.2), but neither a table nor a curve "
+    "of direction errors.",
 )

@@ -115,6 +115,8 @@ class Study:
     """Function that returns the conclusion from the numbers of all blocks, by condition and block."""
     draw: Callable[[Run, Table], Figure] = field(repr=False)
     """Function that returns the plot of a finished record, from its table."""
+    unprinted: str = ""
+    """Sentence on figures that the papers do not print; empty if the plot has the printed ones."""
     most_points: int = 100_000
     """Largest number of points of a plan."""
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from hiltest.report.render import html_report
+from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run
+from hiltest.studies.study import study_of
+from hiltest.studies.study_page import page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -166,6 +170,38 @@ def test_a_click_on_a_point_opens_the_numbers_at_its_row(browser: Browser, page_
     assert page.evaluate("[...document.activeElement.cells].map(cell => cell.textContent).join(', ')") == words
     assert page.locator("tr:focus").is_visible()
     page.close()
+
+
+_VISIBLE_TEXTS = """() => {
+    const drawing = document.querySelector("figure svg[role]")
+    const scale = drawing.getBoundingClientRect().width / drawing.viewBox.baseVal.width
+    return [...drawing.querySelectorAll("text")].filter(text => text.checkVisibility()).map(text => {
+        const box = text.getBoundingClientRect()
+        return [scale * parseFloat(getComputedStyle(text).fontSize), box.left, box.right, box.top, box.bottom]
+    })
+}"""
+
+
+@pytest.mark.parametrize("name", ["choose", "constraints"])
+def test_letters_of_a_wide_plot_are_legible_on_a_telephone_and_apart(visit: Open, tmp_path: Path, name: str) -> None:
+    record = read_record(Path(__file__).parents[3] / "docs" / "studies" / f"{name}.json").run
+    path = tmp_path / f"{name}.html"
+    path.write_text(page(study_of(name), record), encoding="utf-8")
+    with visit(path, width=390) as place:
+        texts = place.page.evaluate(_VISIBLE_TEXTS)
+        assert min(size for size, *_ in texts) > 10.5
+        assert place.page.locator(".narrow").is_visible()
+    boxes = [box for _, *box in texts]
+    overlaps = [
+        (one, other)
+        for one, other in combinations(boxes, 2)
+        if one[0] < other[1] and other[0] < one[1] and one[2] < other[3] and other[2] < one[3]
+    ]
+    assert overlaps == []
+    assert all(left >= 0.0 and right <= 390.0 for left, right, *_ in boxes)
+    with visit(path, width=1400) as place:
+        assert not place.page.locator(".narrow").is_visible()
+        assert len(place.page.evaluate(_VISIBLE_TEXTS)) > len(texts), "the labels of the axes are in the drawing"
 
 
 @pytest.mark.parametrize("page_file", ["boards"], indirect=True)
