@@ -317,8 +317,12 @@ def _are_same(poses: Poses, one: _Fit, other: _Fit) -> bool:
 
 
 def _are_as_likely(poses: Poses, one: _Fit, other: _Fit) -> bool:
-    """Return whether two sets of as many models explain the headings to noise, neither better by `LEAST_GAIN`."""
-    is_near = len(one.models) == len(other.models) and abs(one.criterion - other.criterion) < LEAST_GAIN
+    """Return whether two sets of as many models explain the headings to noise, neither better by `LEAST_GAIN`.
+
+    The first set must not have more parameters: a more general cause always explains the headings of a special one.
+    """
+    is_as_small = len(one.models) == len(other.models) and one.fitted <= other.fitted
+    is_near = is_as_small and abs(one.criterion - other.criterion) < LEAST_GAIN
     return is_near and _is_noise(poses, one) and _is_noise(poses, other)
 
 
