@@ -157,6 +157,7 @@ def table_of_poses(known_angles: KnownAngles) -> tuple[str, dict[str, str], list
         columns["answered_roll"] = ("deg", known_angles.roll_deg[UNCALIBRATED].tolist())
     elif isinstance(known_angles, ReportedAngles):
         columns["settled"] = ("", [pose.settled.is_settled for pose in known_angles.held])
+        columns["step.firmware"] = ("deg", [pose.settled.step_deg for pose in known_angles.held])
     for prefix, by_source in (("answered", known_angles.heading_deg), ("error", known_angles.error_deg)):
         columns |= {f"{prefix}.{source}": ("deg", values.tolist()) for source, values in by_source.items()}
     rows = [list(row) for row in zip(*(values for _, values in columns.values()), strict=True)]

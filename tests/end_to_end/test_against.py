@@ -21,7 +21,7 @@ from hiltest.run_record.reader import read_record
 from hiltest.session.gate import SessionGate
 from hiltest.session.older_firmware import OlderFirmware
 
-from .firmware_edits import NEXT_PROTOCOL, FirmwareCopy
+from .firmware_edits import NEXT_PROTOCOL, Edit, FirmwareCopy
 
 OLD = Path(__file__).parents[2] / "src" / "hiltest" / "firmware" / "hiltest-frdm-k64f.elf"
 WAIT_S = 300.0
@@ -210,6 +210,27 @@ def test_a_crash_that_the_older_firmware_does_not_have_may_not_be_merged(
     crashed = hiltest(bench, "compare", "hil-out", "hil-out")
     assert crashed.returncode == 22, "the base has the same crash"
     assert "the firmware crashes: " in crashed.stdout
+
+
+@pytest.mark.parametrize("limited", [False, True], ids=["worse", "out of its limit"])
+def test_a_text_compass_that_rounds_to_whole_degrees_is_told_so(
+    tmp_path: Path, copy_of_the_firmware: FirmwareCopy, limited: bool
+) -> None:
+    for decimals, name in ((1, "old.elf"), (0, "new.elf")):
+        old = 'HDG=", state->heading_deg, 2)'
+        copy_of_the_firmware.build_compass(
+            Edit("compass/output_lines.c", old, old.replace("2)", f"{decimals})")), tmp_path / name
+        )
+    rig = (Path(__file__).parents[2] / "hil" / "rigs" / "text-compass.toml").read_text(encoding="utf-8")
+    limit = 0.795 if limited else 1.3
+    (tmp_path / "mine.toml").write_text(re.sub(r'("heading.firmware.max" = .*max = )1.3', rf"\g<1>{limit}", rig))
+    command = ("run", "new.elf", "--rig", "mine.toml", "--against", "old.elf", "--", "-k", "heading_at_known_angles")
+    done = hiltest(tmp_path, *command)
+    assert done.returncode == (1 if limited else 21), done.stdout + done.stderr
+    answer = " ".join(done.stdout.split())
+    cause = r"Likely cause: whole degrees \(multiples of 1 deg, in the base of 0\.1 deg\)( and 1 more)?\."
+    assert re.search(cause + " Next: Check the step from the heading to the answer: unit, type and rounding", answer)
+    assert re.search(cause, read_record(tmp_path / "hil-out").run.verdict.sentence)
 
 
 def test_a_build_that_no_longer_calibrates_itself_in_the_same_tumble_is_not_told_to_tumble_more(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from hiltest.procedures.settling import agree, confirmed, isolated
+from hiltest.procedures.settling import agree, confirmed, isolated, step_of
 
 
 def around(mean_deg: float, noise_deg: float, n: int = 40, seed: int = 1) -> list[float]:
@@ -23,6 +23,21 @@ def test_noise_widens_what_agrees_and_more_readings_narrow_it() -> None:
     # Of 40 readings with 3 degrees two means differ by 0.67 rms; of 4 000 by 0.067.
     assert agree(around(0.0, 3.0), around(1.0, 3.0, seed=2))
     assert not agree(around(0.0, 3.0, 4000), around(1.0, 3.0, 4000, seed=2))
+
+
+@pytest.mark.parametrize(
+    ("headings_deg", "step_deg"),
+    [
+        ([0.0, 359.0, 7.0], 1.0),
+        ([10.0, 20.0], 10.0),
+        ([12.3, 12.4], 0.1),
+        ([12.300000190734863, 359.70001220703125], 0.1),
+        ([12.34, 12.3], 0.02),
+        ([12.3456], 0.0),
+    ],
+)
+def test_the_step_of_headings_is_the_largest_usual_one(headings_deg: list[float], step_deg: float) -> None:
+    assert step_of(headings_deg) == step_deg
 
 
 def test_north_is_no_edge() -> None:

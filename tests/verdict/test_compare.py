@@ -22,6 +22,7 @@ from hiltest.measurement import (
 )
 from hiltest.run_record.comparison import Answer, Change, Difference
 from hiltest.run_record.exit_codes import comparison_code
+from hiltest.run_record.run import Column, Table
 from hiltest.verdict.compare import compare, not_compared
 from hiltest.verdict.evidence import Evidence
 
@@ -497,6 +498,42 @@ def test_a_calibration_that_the_base_had_in_the_same_tumble_is_lost_by_the_chang
     assert [(difference.name, difference.base, difference.new, difference.note) for difference in worse] == [
         ("device.calibrated_after", 2.25, None, change)
     ]
+
+
+def table_of_headings(*answered_deg: float, step_deg: float | None) -> Table:
+    names = ("answered.firmware", "error.firmware", *(("step.firmware",) if step_deg is not None else ()))
+    rows = tuple((answer, answer, step_deg)[: len(names)] for answer in answered_deg)
+    return Table("heading.poses", tuple(Column(name, "deg") for name in names), rows)
+
+
+ROUNDED = "whole degrees (multiples of 1 deg, in the base of 0.1 deg)"
+
+
+@pytest.mark.parametrize(
+    ("base", "new", "note"),
+    [
+        (table_of_headings(0.4, 359.7, step_deg=0.1), table_of_headings(0.0, 0.0, step_deg=1.0), ROUNDED),
+        (table_of_headings(0.4, 359.7, step_deg=0.1), table_of_headings(0.0, 3.0, step_deg=1.0), ""),
+        (table_of_headings(0.4, 359.7, step_deg=1.0), table_of_headings(0.0, 0.0, step_deg=1.0), ""),
+        (table_of_headings(0.4, 359.7, step_deg=None), table_of_headings(0.0, 0.0, step_deg=1.0), ""),
+        (
+            table_of_headings(0.41, 359.7, step_deg=0.0),
+            table_of_headings(0.4, 359.7, step_deg=0.1),
+            "rounding of the heading (multiples of 0.1 deg, in the base not rounded)",
+        ),
+    ],
+    ids=["rounded", "moved further", "rounded before", "an older record", "to tenths"],
+)
+def test_headings_in_coarser_steps_are_named_as_the_cause(base: Table, new: Table, note: str) -> None:
+    sides = [
+        replace(
+            evidence([measurement("heading.firmware.max", value), measurement("heading.ecompass.max", value)]),
+            poses=table,
+        )
+        for value, table in ((0.4, base), (0.8, new))
+    ]
+    notes = {difference.name: difference.note for difference in compare(*sides).differences}
+    assert notes == {"heading.firmware.max": note, "heading.ecompass.max": ""}
 
 
 def test_the_sentence_begins_with_the_answer() -> None:

@@ -317,8 +317,12 @@ def _are_same(poses: Poses, one: _Fit, other: _Fit) -> bool:
 
 
 def _are_as_likely(poses: Poses, one: _Fit, other: _Fit) -> bool:
-    """Return whether two sets of as many models explain the headings to noise, neither better by `LEAST_GAIN`."""
-    is_near = len(one.models) == len(other.models) and abs(one.criterion - other.criterion) < LEAST_GAIN
+    """Return whether two sets of as many models explain the headings to noise, neither better by `LEAST_GAIN`.
+
+    The first set must not have more parameters: a more general cause always explains the headings of a special one.
+    """
+    is_as_small = len(one.models) == len(other.models) and one.fitted <= other.fitted
+    is_near = is_as_small and abs(one.criterion - other.criterion) < LEAST_GAIN
     return is_near and _is_noise(poses, one) and _is_noise(poses, other)
 
 
@@ -648,7 +652,7 @@ _DRIVER = "conversion and order of its axes in the driver of the {}, beside the 
 _TILT = "pitch and roll from gravity, and the formula that turns the field back by them"
 _ATAN2 = "order and signs of the arguments of atan2, or frame and heading under [device] in the rig"
 _OFFSET = "the mounting yaw in the rig, a declination and its sign, and the firmware's axes"
-_OUTPUT = "the step from the heading to the answer: unit, type and rounding"
+OUTPUT_STEP = "the step from the heading to the answer: unit, type and rounding"
 _SCALE = "the factor from radians or counts to degrees, such as 180 / pi or 360 / 65536"
 _IRON = "the line that applies the calibration: (read - hard iron), once, multiplied by the soft iron from the left"
 _UNSIGNED = "type of the accelerometer's counts: two's complement, int16_t"
@@ -687,8 +691,8 @@ _HEADINGS: dict[str, tuple[str, Callable[..., Array]]] = {
     **{f"headings counted{side}": (_ATAN2, partial(_convert, zero=-zero)) for side, zero in _SIDES.items()},
     "swapped arguments of atan2": (_ATAN2, partial(_convert, factor=-1.0, zero=90.0)),
     "atan instead of atan2": (_ATAN2, lambda heading_deg, _: (heading_deg + 90.0) % 180.0 - 90.0),
-    "headings in gradians": (_OUTPUT, partial(_convert, factor=400.0 / 360.0)),
-    "headings in radians": (_OUTPUT, partial(_convert, factor=np.pi / 180.0)),
+    "headings in gradians": (OUTPUT_STEP, partial(_convert, factor=400.0 / 360.0)),
+    "headings in radians": (OUTPUT_STEP, partial(_convert, factor=np.pi / 180.0)),
 }
 
 
@@ -771,7 +775,7 @@ MODELS: tuple[Model, ...] = (
     Model(
         _ROUNDED,
         Stage.HEADING,
-        _OUTPUT,
+        OUTPUT_STEP,
         lambda heading, step: heading % 360.0 // step[0] * step[0],
         "multiples of {:g}",
         choices=_column(1.0, 2.0, 5.0, 10.0),
@@ -779,12 +783,14 @@ MODELS: tuple[Model, ...] = (
     Model(
         "overflow of the heading",
         Stage.HEADING,
-        _OUTPUT,
+        OUTPUT_STEP,
         lambda heading, integer: (heading % 360.0 - integer[0]) % -integer[1] + integer[0],
         "above {:.5g} deg",
         choices=_integers(),
     ),
-    Model("headings below 0 or above 360 clamped", Stage.HEADING, _OUTPUT, lambda heading, _: heading.clip(0.0, 360.0)),
+    Model(
+        "headings below 0 or above 360 clamped", Stage.HEADING, OUTPUT_STEP, lambda heading, _: heading.clip(0.0, 360.0)
+    ),
     Model(
         "drift with time or temperature",
         Stage.SEQUENCE,

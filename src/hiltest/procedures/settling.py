@@ -26,6 +26,9 @@ NEIGHBOURS_DEG = 5.0
 25."""
 COUNTS_PER_G = 16_384.0
 """Counts of `Board.delivered_fields`."""
+# Steps that a format or an integer gives to headings, and the error of a heading below 360 degrees in float32.
+_STEPS_DEG = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
+_ROUNDING_OF_FLOAT32 = 2e-5
 # Margin for a quotient of two times that rounding puts below a whole number.
 _ROUNDING = 1e-6
 
@@ -49,6 +52,9 @@ class Settled:
     board does not observe them."""
     delivered_g: Mapping[str, tuple[int, NDArray[np.float64]]] | None = None
     """The same for each accelerometer [g]."""
+
+    step_deg: float = 0.0
+    """Largest usual step of which all headings of the last window are multiples; 0 if there is none."""
 
     @property
     def samples(self) -> int | None:
@@ -110,8 +116,12 @@ def wait_until_settled(board: Board, frame: Frame, longest_s: float | None = Non
         windows_left -= 1
         if settled or windows_left <= 0:
             after = board.delivered_fields()
-            means = (_means_since(delivered, after, *unit) for unit in ((COUNTS_PER_UT, False), (COUNTS_PER_G, True)))
-            return Settled(circular_mean_deg(headings_deg), settled, took_s, window, unconfirmed, *means)
+            field, gravity = (
+                _means_since(delivered, after, *unit) for unit in ((COUNTS_PER_UT, False), (COUNTS_PER_G, True))
+            )
+            mean_deg = circular_mean_deg(headings_deg)
+            step_deg = step_of(headings_deg)
+            return Settled(mean_deg, settled, took_s, window, unconfirmed, field, gravity, step_deg)
         before = headings_deg
 
 
@@ -127,6 +137,15 @@ def _means_since(
         if part.endswith(" g") == of_gravity
     }
     return {part: (int(sums[0]), sums[1:] / (per_unit * sums[0])) for part, sums in moved.items() if sums[0]}
+
+
+def step_of(headings_deg: Sequence[float]) -> float:
+    """Return the largest step of `_STEPS_DEG` of which all headings are multiples; 0 if there is none."""
+    return next((step for step in _STEPS_DEG if all(_is_multiple(value, step) for value in headings_deg)), 0.0)
+
+
+def _is_multiple(value: float, step: float) -> bool:
+    return abs(value / step - round(value / step)) < _ROUNDING_OF_FLOAT32 / step
 
 
 def confirmed(headings_deg: Sequence[float], checked: Sequence[bool]) -> list[float]:

@@ -9,9 +9,10 @@ from statistics import fmean
 
 from hiltest.errors import LIKELY_CAUSE, NOT_CALIBRATED
 from hiltest.measurement import KINDS, UNDECIDED, Measurement, Outcome, Tolerance, identify, is_compared, is_direction
+from hiltest.orientation.angles import wrap_180
 from hiltest.run_record.comparison import BaseKind, Change, Comparison, Difference, Side
 from hiltest.run_record.failures import measured
-from hiltest.run_record.run import Run
+from hiltest.run_record.run import Run, Table
 from hiltest.text import format_number, hundredths, join_words
 from hiltest.verdict.chance import Chance, chance_of
 from hiltest.verdict.difference import difference
@@ -22,6 +23,8 @@ from hiltest.verdict.run_noise import FALSE_ALARMS
 from hiltest.verdict.wording import entry, format_seeds, review_sentence, sentence
 
 CALIBRATED_AFTER = "device.calibrated_after"
+OF_FIRMWARE = "heading.firmware."
+STEP_COLUMN, ANSWERED_COLUMN = "step.firmware", "answered.firmware"
 WORST_FOUND = KINDS["cycles.{calibrator}.worst_found"]
 
 _Measured = Mapping[Seed, Mapping[str, Measurement]]
@@ -69,11 +72,42 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
         add_accuracy(_mark_other_input(change, pair, base, new), base.measurements, new.measurements)
         for change, pair in zip(changes, pairs, strict=True)
     )
+    rounding = rounding_in_words(base.poses, new.poses)
+    differences = tuple(_mark_rounding(difference, rounding) for difference in differences)
     new, differences = _blame_lost_calibration(base, new, differences)
     kind = BaseKind.TOGETHER if together else BaseKind.BASELINE if base.is_baseline else BaseKind.RUN
     comparison = _comparison(base.side, new, differences, obstacles(base, new, differences, together=together), kind)
     remarks = [*_remarks(base, new, differences), *([_ASSUMED] if _noise_is_assumed(chances.values()) else [])]
     return replace(comparison, remark=" ".join(remarks))
+
+
+def rounding_in_words(base: Table | None, new: Table | None) -> str:
+    """Return the steps of the firmware's headings at the known angles, if only coarser ones explain what moved.
+
+    Parameters
+    ----------
+    base, new
+        Headings at the known angles of both sides; older records lack their steps.
+    """
+    if base is None or new is None or len(base.rows) != len(new.rows):
+        return ""
+    before, after = ([float(step or 0.0) for step in table.column_if_any(STEP_COLUMN)] for table in (base, new))
+    was, now = min(before, default=0.0), min(after, default=0.0)
+    is_known = all(None not in table.column_if_any(STEP_COLUMN) for table in (base, new))
+    if not is_known or now <= was:
+        return ""
+    answers = zip(base.column_if_any(ANSWERED_COLUMN), new.column_if_any(ANSWERED_COLUMN), strict=True)
+    moved = [abs(wrap_180(float(later or 0.0) - float(earlier or 0.0))) for earlier, later in answers]
+    if max(moved) > now + was:
+        return ""
+    steps = f"multiples of {now:g} deg, in the base {f'of {was:g} deg' if was else 'not rounded'}"
+    return f"{'whole degrees' if now >= 1.0 else 'rounding of the heading'} ({steps})"
+
+
+def _mark_rounding(difference: Difference, rounding: str) -> Difference:
+    is_worse = difference.change is Change.WORSE and difference.name.startswith(OF_FIRMWARE)
+    note = "; ".join(filter(None, (difference.note, rounding)))
+    return replace(difference, note=note) if rounding and is_worse else difference
 
 
 def _blame_lost_calibration(

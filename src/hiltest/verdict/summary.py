@@ -20,14 +20,16 @@ from hiltest.measurement import (
     identify,
     ratio_range,
 )
+from hiltest.orientation.heading_models import OUTPUT_STEP
 from hiltest.run_record.comparison import Change, Difference
 from hiltest.run_record.failures import failed_otherwise, out_of_limit
 from hiltest.run_record.run import Findings, Run, TestResult
 from hiltest.text import format_count, format_number, hundredths, join_words, number
 from hiltest.verdict.calibrators import CalibratorResult, calibrator_results, heading_as_read, value_of
 from hiltest.verdict.causes import Cause
-from hiltest.verdict.compare import CALIBRATED_AFTER
+from hiltest.verdict.compare import CALIBRATED_AFTER, OF_FIRMWARE, rounding_in_words
 from hiltest.verdict.diagnosis import Diagnosis, diagnose_run
+from hiltest.verdict.evidence import BASE_POSES_TABLE, POSES_TABLE
 from hiltest.verdict.reported_headings import FIRMWARE, next_step
 from hiltest.verdict.wording import entry
 
@@ -47,6 +49,8 @@ _OF_THE_TUMBLE = (Cause.POOR_COVERAGE, Cause.OWN_CALIBRATION)
 _OF_THE_CHANGE = (
     "Compare the calibration of both builds: its samples, the time at which it takes them, and when it accepts its fit."
 )
+
+_OF_ROUNDING = f"Check {OUTPUT_STEP}."
 
 _SAME_DEG = 0.5
 """Calibrators that measured the same points differ in their mean errors by less, unless one of them is wrong."""
@@ -140,16 +144,19 @@ def summarise(run: Run | Findings) -> Summary:
     differences = run.comparison.differences if run.comparison and (failed or broken) else ()
     worse = run.comparison.differences_with(Change.WORSE)[:1] if run.comparison and run.comparison.regression else ()
     settings = [entry(difference) for difference in differences if difference.is_changed_setting]
+    rounding = rounding_in_words(tables.get(BASE_POSES_TABLE), tables.get(POSES_TABLE))
+    rounding = rounding if _has_moved_headings(run, failed) else ""
     mounting = _mounting_advice(unset, measurements)
     return Summary(
         failures=tuple(failures),
-        causes=(*settings, *in_messages, *distinct.values()),
+        causes=(*settings, *([rounding] if rounding else []), *in_messages, *distinct.values()),
         broken=broken,
         unset=tuple(measurement for measurement in unset if measurement not in unmeasured),
         unmeasured=tuple(unmeasured),
         advice=tuple(
             dict.fromkeys(
                 (
+                    *([_OF_ROUNDING] if rounding else []),
                     *in_messages.values(),
                     *(cause.advice for cause in [*of_failures, *causes.values()]),
                     *(next_step(failure.measurement, tables) for failure in failures if not failure.cause),
@@ -176,6 +183,16 @@ def _differing(run: Run | Findings, name: str) -> Difference | None:
     """Return the difference of a measurement from the base; None without one."""
     differences = run.comparison.differences if run.comparison else ()
     return next((difference for difference in differences if difference.name == name), None)
+
+
+def _has_moved_headings(run: Run | Findings, failed: Sequence[Measurement]) -> bool:
+    """Return whether the firmware's headings are out of a limit that they met in the base, or else only worse."""
+    if not failed:
+        worse = run.comparison.differences_with(Change.WORSE) if run.comparison and run.comparison.regression else ()
+        return any(difference.name.startswith(OF_FIRMWARE) for difference in worse)
+    own = [measurement for measurement in failed if measurement.name.startswith(OF_FIRMWARE) and measurement.limit]
+    pairs = [(measurement.limit, _differing(run, measurement.name)) for measurement in own]
+    return any(limit and was and was.base is not None and limit.holds(was.base) for limit, was in pairs)
 
 
 def _blame_change(name: str, diagnosis: Diagnosis, run: Run | Findings) -> Diagnosis:
