@@ -405,13 +405,14 @@ class HilSession:
 
     def _lose_board(self, error: BenchError | ProtocolError) -> None:
         """Note why the board is no longer usable, and whether every run of the build repeats it."""
-        from hiltest.errors import BenchError, remove_registers
+        from hiltest.errors import BoardFault, BoardResetError, DeviceTimeoutError, SyncError, remove_registers
 
         self.trouble = error
         port = self.settings.port or self.rig.board.port
         is_simulated = self.rig.board.kind == "virtual" and (not port or port.startswith("hil:")) and not self.replay
-        if is_simulated and self.rig.faults is None and isinstance(error, BenchError):
-            self.crash = remove_registers(str(error))
+        is_of_firmware = isinstance(error, BoardFault | BoardResetError | DeviceTimeoutError | SyncError)
+        if is_simulated and self.rig.faults is None and is_of_firmware:
+            self.crash = remove_registers(str(error)).rstrip(".")
 
     def failed_first(self, error: BaseException, nodeid: str) -> str:
         """Return the test that an error failed first, since a shared fixture fails each test that requests it."""
