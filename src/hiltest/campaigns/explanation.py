@@ -9,12 +9,12 @@ from pathlib import Path
 from shlex import quote
 
 from hiltest.boards import BoardKind, VirtualBench, default_firmware
-from hiltest.budgets import ELF
+from hiltest.budgets import ELF, RIG
 from hiltest.errors import ConfigError
 from hiltest.json_files import read_bounded
 from hiltest.measurement import Measurement, identify
 from hiltest.rig import Rig
-from hiltest.rig.rig_file import load_rig
+from hiltest.rig.rig_file import parse_rig
 from hiltest.run_record.comparison import Change, Difference
 from hiltest.run_record.reader import read_record
 from hiltest.run_record.run import Run
@@ -140,9 +140,12 @@ def _foreign_rig(record: Run) -> Rig | None:
     if record.rig is None or record.board is None or record.board.kind != BoardKind.VIRTUAL:
         return None
     file = Path(record.rig.file)
-    if not file.is_file() or hashlib.sha256(file.read_bytes()).hexdigest() != record.rig.sha256:
+    if not file.is_file():
         return None
-    rig = load_rig(file)
+    content = read_bounded(file, RIG, otherwise="name a rig (TOML)")
+    if hashlib.sha256(content).hexdigest() != record.rig.sha256:
+        return None
+    rig = parse_rig(file, content)
     return None if rig.answers_requests else rig
 
 

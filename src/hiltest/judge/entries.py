@@ -145,6 +145,8 @@ def _open_source(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Points:
+    """Points of a log or a study, without gravity; see `hiltest.judge.answers.Cloud`."""
+
     samples_ut: Array
     accelerations_g: Array
 
@@ -167,7 +169,7 @@ class FileCalibrator:
 
     @property
     def most_points(self) -> int | None:
-        """As many points on the emulated core as in the worlds of `hiltest judge`, any number on the host."""
+        """Number of points that it takes: on the core that of the worlds of `hiltest judge`; None on the host."""
         return None if isinstance(_opened(self.name), HostCalibrator) else _MOST_POINTS
 
     def calibrate(self, points_counts: ArrayLike) -> tuple[MagnetometerFit, int | None]:

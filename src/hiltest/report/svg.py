@@ -138,7 +138,10 @@ class Figure:
         radius: float = 3.5,
         x_text: str = "",
     ) -> None:
-        """Draw points under a name, as a line or marks or both, and add them to key and sheet; there with `x_text`."""
+        """Draw points under a name, as a line or marks or both, and add them to key and sheet.
+
+        The sheet has `x_text` in place of the abscissas, if it is given.
+        """
         if line and points:
             self.line(points, line)
         entry = KeyEntry(name, line, mark, mark_style or f"{line} filled")

@@ -82,7 +82,7 @@ def compare(base: Evidence, new: Evidence, *, together: bool = False) -> Compari
 
 
 def rounding_in_words(base: Table | None, new: Table | None) -> str:
-    """Return the steps of the firmware's headings at the known angles, if only coarser ones explain what moved.
+    """Return the steps of the firmware's headings at the known angles, if coarser steps alone explain the differences.
 
     Parameters
     ----------

@@ -158,9 +158,9 @@ def profile_call(
     BoardFault
         If the function faults or hangs.
     """
-    core, owners = board.processor.core, _Owners(board.image, board.image.symbols.get(function))
-    waited = core.memory_cycles
-    with _profiled(board.processor, owners, board.image.symbols.get(function)):
+    core, symbol = board.processor.core, board.image.symbols.get(function)
+    owners, waited = _Owners(board.image, symbol), core.memory_cycles
+    with _profiled(board.processor, owners, symbol):
         result = board.call(function, *arguments, timeout_s=timeout_s, clock_hz=clock_hz, keeps_ram=keeps_ram)
     return _Sums(board.processor, owners).profile(function, result, core.memory_cycles - waited)
 
